@@ -1,5 +1,6 @@
 """Where points of the laser line were left out as wrong: in the image, on the board, in a plane, by brightness."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,7 +23,7 @@ def stripes(seed=3, poses=8, steps=10, points=50):
         pixels=pixels,
         along=along,
         labels={"step": step, "placement": placement},
-        state=SimpleNamespace(board=board),
+        state=SimpleNamespace(board=board, target=150 * np.vstack([board, np.zeros(n)])),
     )
     return chain, np.stack([rng.uniform(1, 2, n), rng.uniform(20, 200, n)])
 
@@ -56,3 +57,37 @@ def test_wrong_points_anywhere_have_no_place():
     found = rejected_points(chain, wrong, shape)
     assert (found.where, found.depends_on) == ("sensor", ())
     assert rejected_points(chain, np.zeros(len(wrong), bool), None).share == 0
+
+
+def test_a_scratch_is_described_by_its_ends_and_its_width():
+    chain, shape = stripes()
+    distance = (chain.pixels - np.array([[280.0], [200.0]])) * np.array([[0.6], [0.8]])
+    wrong = (np.abs(distance.sum(0)) < 8) & near(chain.pixels, (280, 200), 160)
+    found = rejected_points(chain, wrong, shape)
+    assert found.depends_on == ("u", "v")
+    numbers = [float(number) for number in re.findall(r"-?\d+\.?\d*", found.region)]
+    first, last, width = np.array(numbers[:2]), np.array(numbers[2:4]), numbers[4]
+    direction = (last - first) / np.linalg.norm(last - first)
+    assert abs(direction @ [0.8, -0.6]) > 0.98
+    assert np.linalg.norm(last - first) == pytest.approx(390, rel=0.15)
+    assert width == pytest.approx(15, rel=0.5)
+    assert "along a line" in found.region and numbers[5] > 90 and numbers[6] < 3
+
+
+def test_a_spot_is_described_by_its_middle_and_its_size():
+    chain, shape = stripes()
+    random = np.random.default_rng(5).random(shape.shape[1])
+    wrong = np.where(near(chain.pixels, (250, 200), 60), random < 0.8, random < 0.02)
+    found = rejected_points(chain, wrong, shape)
+    assert "in an area of" in found.region
+    numbers = [float(number) for number in re.findall(r"\d+\.?\d*", found.region)]
+    assert numbers[:2] == pytest.approx([108, 108], rel=0.25)
+    assert numbers[2:4] == pytest.approx([250, 200], abs=12)
+
+
+def test_points_of_a_bright_line_are_distinguished_from_those_of_a_dim_one():
+    chain, shape = stripes()
+    bright = rejected_points(chain, shape[1] > 180, shape)
+    dim = rejected_points(chain, shape[1] < 40, shape)
+    assert bright.is_bright and not dim.is_bright
+    assert "with the most 100 %" in bright.region and "with the most 0 %" in dim.region

@@ -6,27 +6,58 @@ named whose groups differ most significantly in their share of wrong points, by 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sensors.scanner.rejected_region import classes_of, region_of, steps_of
 from workbench.core.distributions import chi2
 
 _BINS = 8  # along each side of the image or the board
 _CLASSES = 10  # of brightness and width of the line
 _LEVEL = 1e-3
+_CALLED = {
+    ("u", "v"): "place in the image",
+    ("board_x", "board_y"): "place on the board",
+    ("mirror",): "light plane",
+    ("line_brightness",): "brightness of the line",
+    ("line_width",): "width of the line",
+}
 Place = tuple[str, tuple[str, ...]]
 
 
 @dataclass(frozen=True)
 class RejectedPoints:
     """`share` of the points that was left out; `where` most of them lie, by `depends_on`, with the `p_value` of no
-    dependence; "sensor" and () where nothing is significant."""
+    dependence; "sensor" and () where nothing is significant.
+
+    `region`: where they lie in words, "" where nothing is significant; `is_bright`: whether they lie where the line is
+    bright; `pixels` (2, n) of all points and `wrong` (n,), None where unknown.
+    """
 
     share: float
     where: str
     depends_on: tuple[str, ...]
     p_value: float
+    region: str = ""
+    is_bright: bool = False
+    pixels: np.ndarray | None = None
+    wrong: np.ndarray | None = None
+
+    @property
+    def called(self) -> str:
+        """What they depend on, in words."""
+        return _CALLED.get(self.depends_on, "")
+
+    def as_json(self) -> dict:
+        """The object `rejected_points` of the JSON contract."""
+        return {
+            "share": self.share,
+            "where": self.where,
+            "depends_on": list(self.depends_on),
+            "p_value": self.p_value,
+            "region": self.region,
+        }
 
 
 def rejected_points(chain, wrong: np.ndarray, shape: np.ndarray | None) -> RejectedPoints:
@@ -44,7 +75,30 @@ def rejected_points(chain, wrong: np.ndarray, shape: np.ndarray | None) -> Rejec
         if degrees and score > highest and p_value < _LEVEL:
             best = RejectedPoints(share, where, depends_on, max(p_value, 1e-300))
             highest = score
-    return best
+    region = _region(best, chain, wrong, shape)
+    is_bright = best.depends_on == ("line_brightness",) and _rises(shape[1], wrong)
+    return replace(best, region=region, is_bright=is_bright, pixels=chain.pixels, wrong=wrong)
+
+
+def _rises(values: np.ndarray, wrong: np.ndarray) -> bool:
+    """Whether the upper half of values (n,) holds most of the wrong points."""
+    return bool(wrong[values > np.median(values)].sum() > wrong.sum() / 2)
+
+
+def _region(found: RejectedPoints, chain, wrong: np.ndarray, shape: np.ndarray | None) -> str:
+    """Where the wrong points lie, in the coordinate that they depend on."""
+    match found.depends_on:
+        case ("u", "v"):
+            return region_of(chain.pixels, wrong, "px")
+        case ("board_x", "board_y"):
+            return region_of(chain.state.target[:2], wrong, "mm")
+        case ("mirror",):
+            return steps_of(chain.labels["step"], wrong)
+        case ("line_brightness",):
+            return classes_of(shape[1], wrong, "brightness")
+        case ("line_width",):
+            return classes_of(shape[0], wrong, "width")
+    return ""
 
 
 def _normal_score(statistic: float, degrees: int) -> float:

@@ -44,6 +44,7 @@ from workbench.explanation.sensor_errors import (
     errors_by_kind,
     image_terms,
     image_warnings,
+    laser_line,
     with_random_errors,
     without_jitter,
 )
@@ -191,6 +192,7 @@ def _whole(
         by_kind=by_kind,
         balls=balls,
         correlation=correlation,
+        laser_line=laser_line(bench),
     )
     return _with_sentences(diagnosis, last)
 

@@ -112,6 +112,7 @@ class Diagnosis:
     robot_keys: Mapping | None = None  # of the reference's robot; None: that of the recording
     correlation: object = None  # SerialCorrelation of the noise, where nothing else is left
     turntable: object = None  # TurntableCalibration, where a board stood on a turntable
+    laser_line: object = None  # sensor_errors.LaserLine, of a scanner whose line has a doubt
 
     def as_json(self) -> dict:
         """The object of the JSON contract, with more keys."""
@@ -129,6 +130,7 @@ class Diagnosis:
             | ({"by_kind": [dict(row) for row in self.by_kind]} if self.by_kind else {}),
             "ball_centres": None if self.balls is None else dict(self.balls),
             "turntable": self._turntable(),
+            "laser_line": self.laser_line and self.laser_line.as_json(),
             "smallest_visible": [_visible(detectable, self.unit) for detectable in self.visible],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],

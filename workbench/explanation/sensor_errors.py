@@ -1,6 +1,7 @@
 """What a diagnosis of a sensor means for the user: errors by kind, ball centres, random errors of single images."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -8,13 +9,16 @@ from scipy.special import chdtrc
 from datasets.recording import Recording
 from sensors.camera.displaced_lines import DisplacedLine
 from sensors.effects.laser import GhostLine
-from sensors.effects.optics import Blooming, LensResidual
+from sensors.effects.optics import Blooming, FocusBreathing, LensResidual
 from sensors.effects.recorded import BoardPointErrors
+from sensors.scanner.rejected_points import RejectedPoints
+from sensors.stripe.second_line import SecondLine
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CONFIDENCE, CRITICAL_T
 from workbench.diagnosis.linear.estimates import parameter_row
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Problem
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter, jitter_before_proof
+from workbench.diagnosis.scanner.random_focal_length import LABEL as FOCAL_LENGTH
 from workbench.diagnosis.scanner.random_focal_length import (
     find_random_focal_length,
     scatter_next_to,
@@ -24,9 +28,36 @@ from workbench.explanation.result import Proof, Term
 from workbench.explanation.statements import LINE_STRUCTURE
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
+_SAME_POINTS = "displaces the same points"
 _SAME_PROFILE = "makes nearly the same profile of the line"
 _AS_WELL = "predicts left-out board poses nearly as well"
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
+
+
+@dataclass(frozen=True)
+class LaserLine:
+    """What images show of the laser line of a scanner: `rejected` points, a `second_line` or None, and the image's
+    `size` px."""
+
+    rejected: RejectedPoints
+    second_line: SecondLine | None
+    size: tuple[int, int]
+
+    def as_json(self) -> dict:
+        """The object `laser_line` of the answer."""
+        second = self.second_line
+        return {
+            "rejected_points": self.rejected.as_json(),
+            "second_line": second and second.as_json(),
+        }
+
+
+def laser_line(bench) -> LaserLine | None:
+    """Of a scanner whose line has a doubt; None of all others."""
+    chains = getattr(bench, "chains", None)
+    if chains is None or chains.rejected is None or not chains.line_doubts:
+        return None
+    return LaserLine(chains.rejected, chains.second_line, chains.corners.camera.size)
 
 
 def errors_by_kind(bench, proof: Proof, inliers: np.ndarray) -> list[dict]:
@@ -127,7 +158,8 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     lines = displaced_line_terms(bench, effects)
     jitter = find_image_jitter(bench, effects, problem)
     if jitter is not None:
-        lines = (*lines, Term(jitter.finding, jitter.parameters, jitter.sigma_px))
+        finding = jitter.finding if bench.focal is None else _or_focal_length(jitter.finding)
+        lines = (*lines, Term(finding, jitter.parameters, jitter.sigma_px))
     focal = bench.focal
     if focal is not None:
         lines = (*lines, Term(focal.finding, focal.parameters, focal.scatter.shift_px))
@@ -136,19 +168,43 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     return (*ghost_line_terms(bench, effects), *line_structure_terms(bench))
 
 
+def _or_focal_length(jitter: Finding) -> Finding:
+    """Jitter next to a random focal length, which may be larger in the images with the laser than on boards."""
+    about = (
+        FocusBreathing.effect,
+        "camera",
+        FOCAL_LENGTH,
+        0.5,
+        1.0,
+        "displaces whole stripes, too",
+    )
+    return replace(jitter, probability=0.5, alternatives=(Alternative(*about),))
+
+
 def line_structure_terms(bench) -> tuple[Term, ...]:
     """Structure of the laser line that no effect of the catalogue makes: the calibration found it in the images.
 
     Where an effect displaces the line, the calibration, which knows none, takes points of it for wrong. An asymmetric
     profile is a ghost line, see `ghost_line_terms`.
     """
-    doubts = [doubt for doubt in bench.chains.line_doubts if not doubt.is_asymmetry]
-    return tuple(_of_doubt(doubt) for doubt in doubts)
+    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.suspect is not GhostLine]
+    blooming = [doubt for doubt in doubts if doubt.suspect is Blooming]
+    others = [_of_doubt(doubt) for doubt in doubts if doubt.suspect is None]
+    return (*map(_of_blooming, blooming[:1]), *others)
 
 
 def _of_doubt(doubt) -> Term:
     about = (doubt.where, LINE_STRUCTURE + doubt.label, (), doubt.p_value, 0.0, 0.0, 0.0)
     return Term(Finding("unknown", *about, doubt.depends_on), size=doubt.size_px)
+
+
+def _of_blooming(doubt) -> Term:
+    """Blooming that no held-out board pose confirms, since the points that it displaces most were left out."""
+    p_value = max(doubt.p_value, 1e-300)
+    other = Alternative("unknown", "camera", "overexposed line", 0.5, 1.0, _SAME_POINTS)
+    about = (Blooming.effect, "camera", LINE_STRUCTURE + doubt.label, (), p_value, 0.5, 0.0, 0.0)
+    finding = Finding(*about, depends_on=doubt.depends_on, alternatives=(other,))
+    return Term(finding, size=doubt.size_px)
 
 
 def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
@@ -157,7 +213,7 @@ def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
     A beam that is itself asymmetric makes nearly the same profile: it is the alternative.
     """
     second = bench.chains.second_line
-    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.is_asymmetry]
+    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.suspect is GhostLine]
     if second is None or not doubts or any(isinstance(e, Blooming) for e in effects):
         return ()
     ghost = GhostLine("laser")
@@ -264,7 +320,7 @@ def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
             "replace the board. Corners that contradict all others are left out of this diagnosis."
         )
     warnings += [line_doubt.sentence for line_doubt in chains.line_doubts]
-    focal = random_focal_error(bench, terms)
+    focal = "" if bench.focal is not None else random_focal_error(bench, terms)
     return (*warnings, focal) if focal else tuple(warnings)
 
 
@@ -276,7 +332,7 @@ def random_focal_error(bench, terms: Sequence[Term]) -> str:
         return ""
     other = (
         ""
-        if bench.focal is not None or any(isinstance(effect, LensResidual) for effect in effects)
+        if any(isinstance(effect, LensResidual) for effect in effects)
         else "; or the lens is not of the model fitted, which looks alike where boards fill only a part of the image"
     )
     return f"{found.sentence[0].upper()}{found.sentence[1:]}{other}."

@@ -7,6 +7,7 @@ import numpy as np
 
 from robot_model.effects.friction import ReadingLattice
 from sensors.effects.laser import GhostLine
+from sensors.effects.optics import Blooming
 from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
@@ -85,12 +86,7 @@ def _what(term: Term, tip: str, unit: str) -> str:
         text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
         return f"{text} {place(found.where)}.{_unconfirmed(found)}"
     if found.label.startswith(LINE_STRUCTURE):
-        depends = f" and depends on {_depends(found)}" if found.depends_on else ""
-        label = found.label.removeprefix(LINE_STRUCTURE)
-        return (
-            f"The laser line has structure that no effect of the catalogue explains: {label}. It belongs to "
-            f"{place(found.where)}{depends}. The warning says what to look for."
-        )
+        return _of_laser_line(found)
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
         return (
             "The residual contains structure that no effect of the catalogue explains: "
@@ -214,6 +210,22 @@ def _of_focal_length(term: Term) -> str:
         f"{100 * row['std']:.1g} % (1 sigma), which displaces corners by {row['size_px']:.2g} px RMS: the lens is "
         "focused again between images, or it is loose. No recorded covariate and no law of camera, window or board "
         "predicts it, so no correction can remove it. Lock focus and zoom, and take the images again."
+    )
+
+
+def _of_laser_line(found: Finding) -> str:
+    """What the images show of the laser line, where it depends on, and what to do."""
+    label = found.label.removeprefix(LINE_STRUCTURE)
+    if found.effect == Blooming.effect:
+        return (
+            f"The laser line shows blooming or overexposure: {label}. It depends on {_depends(found)}. No fitted law "
+            "predicts it on held-out board poses, so it is not corrected. Expose less, so that no pixel is full, and "
+            "take the images again."
+        )
+    depends = f" and depends on {_depends(found)}" if found.depends_on else ""
+    return (
+        f"The laser line has structure that no effect of the catalogue explains: {label}. It belongs to "
+        f"{place(found.where)}{depends}. The warning says what to look for."
     )
 
 

@@ -193,8 +193,13 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
     )
     bent = _smooth_rms(fitted - means[1, stripe], stripe, chain.state.along)
     order = bench.order[bench.of_board_stripes][first]
+    variance = 1 / total
+    if bench.focal is not None:  # stripes are displaced by the focal length of their image, too
+        variance += (
+            np.bincount(stripe, weight * bench.focal.of_stripes(chain), count) / total
+        ) ** 2
     found = _contrasts(
-        means, 1 / total, pose[first], step[first], _angles(chain, step[first]), order
+        means, variance, pose[first], step[first], _angles(chain, step[first]), order
     )
     return None if found is None else replace(found, bent_px=bent)
 

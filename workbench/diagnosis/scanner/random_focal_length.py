@@ -81,6 +81,11 @@ class RandomFocalLength:
             moved.append(self.scatter.share * np.abs(by_focal))
         return np.concatenate(moved)
 
+    def of_stripes(self, chain) -> np.ndarray:
+        """(n,) px, displacement of points of stripes by 1 sigma of the focal length of their image."""
+        here = chain.evaluate(chain.parameters.values, {})
+        return self.scatter.share * by_focal_length(chain.camera, here)[0]
+
 
 def find_random_focal_length(bench) -> RandomFocalLength | None:
     """Of the corners of a `SensorBench`; None where focal lengths are constant or follow a law, or the lens errs."""

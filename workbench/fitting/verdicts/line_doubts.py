@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 
+from sensors.effects.laser import GhostLine
+from sensors.effects.optics import Blooming
 from sensors.scanner.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Asymmetry
 from workbench.core.distributions import norm
+from workbench.core.effect import Effect
 
 POOR_WORDS = "DO NOT USE THIS RESULT, it is not trustworthy"
 DOUBT_WORDS = "The stated uncertainty is not trustworthy"
@@ -31,7 +34,8 @@ _ANYWHERE = "no place of the image or of the board and no light plane holds most
 @dataclass(frozen=True)
 class LineDoubt:
     """One doubt: `label` in a few words, `where` in the vocabulary, the covariates that it `depends_on`, `p_value` of
-    chance, `size_px` where known, the `sentence` with what to do, and whether it `is_asymmetry` of the profile."""
+    chance, `size_px` where known, the `sentence` with what to do, and the `suspect`, an effect
+    that does so, None where many causes do."""
 
     label: str
     where: str
@@ -39,7 +43,7 @@ class LineDoubt:
     p_value: float
     size_px: float | None
     sentence: str
-    is_asymmetry: bool = False
+    suspect: type[Effect] | None = None
 
 
 def line_doubts(calibration, asymmetry: Asymmetry | None = None) -> list[LineDoubt]:
@@ -52,7 +56,8 @@ def line_doubts(calibration, asymmetry: Asymmetry | None = None) -> list[LineDou
     if dependence is not None and dependence.is_relevant:
         about = ("camera", ("line_brightness", "line_width"), dependence.p_value, dependence.rms_px)
         label = "centres of the line are displaced with its brightness and width"
-        found.append(LineDoubt(label, *about, f"{DOUBT_WORDS}: {dependence.sentence}"))
+        sentence = f"{DOUBT_WORDS}: {dependence.sentence}"
+        found.append(LineDoubt(label, *about, sentence, Blooming))
     first = POOR_WORDS if is_mostly_stationary(calibration) else DOUBT_WORDS
     label = "another line stays at one place of the image"
     for line in calibration.lines:
@@ -73,14 +78,18 @@ def is_mostly_stationary(calibration) -> bool:
 
 
 def _of_rejected(rejected: RejectedPoints) -> LineDoubt:
-    label = f"{100 * rejected.share:.0f} % of its points were left out as wrong"
+    share = f"{100 * rejected.share:.0f} %"
+    label = f"{share} of its points were left out as wrong"
     place = _PLACES.get(rejected.depends_on, _ANYWHERE)
     sentence = (
-        f"{DOUBT_WORDS}: {100 * rejected.share:.0f} % of the points of the laser line were left out as wrong; {place}. "
-        "Look at the laser images there, remove the cause, and take them again"
+        f"{DOUBT_WORDS}: {share} of the points of the laser line were left out as wrong; {place}"
     )
+    if rejected.region:
+        label += f" ({rejected.region})"
+        sentence += f" ({rejected.region})"
+    sentence += ". Look at the laser images there, remove the cause, and take them again"
     about = (rejected.where, rejected.depends_on, rejected.p_value, None)
-    return LineDoubt(label, *about, sentence)
+    return LineDoubt(label, *about, sentence, Blooming if rejected.is_bright else None)
 
 
 def _of_asymmetry(asymmetry: Asymmetry) -> LineDoubt:
@@ -94,4 +103,4 @@ def _of_asymmetry(asymmetry: Asymmetry) -> LineDoubt:
     # two-sided, of a normal distribution
     p_value = float(2 * norm.sf(abs(asymmetry.ambiguity_px) / max(asymmetry.std_px, 1e-300)))
     about = ("laser", ("line_width",), max(p_value, 1e-300), abs(asymmetry.ambiguity_px))
-    return LineDoubt(label, *about, sentence, True)
+    return LineDoubt(label, *about, sentence, GhostLine)

@@ -26,6 +26,7 @@ from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.line_dependence import LineDependence, line_covariates
+from sensors.scanner.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.second_line import SecondLine, second_line
 from workbench.core.least_squares.bundle import BundleFit
@@ -54,7 +55,7 @@ class Chains:
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
     the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
     brightness of the line, None where these are unknown; `line_doubts`: what is in doubt about that line;
-    `second_line` next to it where its profile is asymmetric, else None.
+    `second_line` next to it where its profile is asymmetric, else None; `rejected` points of it.
     """
 
     corners: Corners
@@ -67,6 +68,7 @@ class Chains:
     dependence: LineDependence | None = None
     line_doubts: tuple[LineDoubt, ...] = ()
     second_line: SecondLine | None = None
+    rejected: RejectedPoints | None = None
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -127,6 +129,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
             dependence=calibration.dependence,
             line_doubts=tuple(line_doubts(calibration, shape)),
             second_line=second_line(every) if is_asymmetric else None,
+            rejected=calibration.rejected,
         )
     )
 

@@ -1,7 +1,5 @@
 """Page of a diagnosis: unmodelled effects, their places, the validation, and the minimal detectable biases."""
 
-import numpy as np
-
 from workbench.explanation import words as said
 from workbench.explanation.planning.scenes import SCENE
 from workbench.explanation.result import (
@@ -15,10 +13,12 @@ from workbench.explanation.result import (
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis import turntable
 from workbench.report.diagnosis.chain import chain
+from workbench.report.diagnosis.detectable import detectable
 from workbench.report.diagnosis.differences import three_parts
 from workbench.report.diagnosis.terms import before_and_after
 from workbench.report.provenance import flat
 from workbench.report.sections import Page, Section, facts, figure, note, pair, table, words
+from workbench.report.sensor.scanner import rejected_points
 from workbench.report.text import counted, p_value, rounded, sentence, with_labels
 
 VERDICTS = {
@@ -27,7 +27,6 @@ VERDICTS = {
     AMBIGUOUS: "Unmodelled effects are found, but some have alternative explanations",
     UNEXPLAINED: "There is structure that no effect of the catalogue explains",
 }
-_SMALLEST = 40
 _OF_TWO_POSES = (
     " A length has two poses of the arm: angles and other quantities of a pose are their means."
 )
@@ -61,7 +60,7 @@ def page(diagnosis: Diagnosis) -> Page:
             if diagnosis.terms
             else []
         ),
-        Section("visible", "Minimal detectable biases", tuple(_detectable(diagnosis))),
+        Section("visible", "Minimal detectable biases", tuple(detectable(diagnosis))),
         Section("next", "Next experiment", tuple(_next(diagnosis))),
         Section(
             "provenance",
@@ -217,6 +216,8 @@ def _place(diagnosis: Diagnosis):
         )
     if diagnosis.fixed:
         yield words(diagnosis.fixed.sentence)
+    if diagnosis.laser_line is not None:
+        yield from rejected_points(diagnosis.laser_line.rejected, diagnosis.laser_line.size)
 
 
 def _difference(diagnosis: Diagnosis):
@@ -396,59 +397,6 @@ def _alternatives(diagnosis: Diagnosis):
                 for name in diagnosis.not_recorded
             ],
         )
-
-
-def _detectable(diagnosis: Diagnosis):
-    unit = diagnosis.unit
-    yield words(
-        "Minimal detectable bias (MDB) of each effect, as the RMS displacement of the measured point that the effect "
-        "alone causes. Detectable: 95 % power at a family-wise false-alarm rate of 1 %. Orthogonal: share of its "
-        "squared signature that the fitted baseline does not absorb. Distinguishable: identified with 95 % probability "
-        "against the most confounded effect."
-    )
-    order = sorted(
-        diagnosis.visible,
-        key=lambda detectable: detectable.size if detectable.size is not None else np.inf,
-    )
-    rows = [
-        (
-            with_labels(
-                f"{detectable.effect}{f', {detectable.label}' if detectable.label else ''}"
-            ),
-            said.place(detectable.where),
-            rounded(detectable.size, 2),
-            _parameter(detectable),
-            f"{100 * detectable.orthogonal_share:.1f} %",
-            rounded(detectable.separable, 2),
-            f"{detectable.alternative} at {said.place(detectable.alternative_where)}"
-            if detectable.alternative
-            else "–",
-        )
-        for detectable in order[:_SMALLEST]
-    ]
-    yield table(
-        [
-            "effect",
-            "where",
-            f"detectable from ({unit})",
-            "as parameter",
-            "orthogonal",
-            f"distinguishable from ({unit})",
-            "most confounded effect",
-        ],
-        rows,
-        left=2,
-    )
-    if len(order) > _SMALLEST:
-        yield words(f"smallest-visible.csv lists the other {len(order) - _SMALLEST}.", quiet=True)
-
-
-def _parameter(detectable) -> str:
-    return (
-        "–"
-        if detectable.parameter is None
-        else said.measured(detectable.parameter, None, detectable.unit)
-    )
 
 
 def _next(diagnosis: Diagnosis):

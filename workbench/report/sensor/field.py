@@ -71,6 +71,20 @@ def arrows(
     return plot, scale
 
 
+def rejected(pixels: np.ndarray, wrong: np.ndarray, size: tuple[int, int]) -> go.Figure:
+    """Points of the laser line (2, n) px: used ones grey, those left out as wrong (n,) bool orange."""
+    plot = field(size)
+    for chosen, colour, opacity, name in (
+        (~wrong, style.GREY, 0.25, "used"),
+        (wrong, style.ORANGE, 0.8, "left out"),
+    ):
+        places = pixels[:, chosen]
+        u, v = np.round(places[:, style.thinned(places.shape[1])], 1)
+        marker = dict(size=3, color=colour, opacity=opacity)
+        plot.add_scatter(x=u, y=v, mode="markers", name=name, hoverinfo="skip", marker=marker)
+    return plot
+
+
 def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
     """Enlargement, 1, 2 or 5 times a power of ten, at which 95 % of the arrows (2, n) px are readable."""
     length = float(np.percentile(np.linalg.norm(residual, axis=0), 95)) if residual.size else 1.0

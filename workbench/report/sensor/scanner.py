@@ -73,8 +73,19 @@ def lead(run: ScannerRun) -> list[str]:
     return [first, *(sentence(calibration.left_out.sentence) for _ in (1,) if calibration.left_out)]
 
 
+def rejected_points(found, size: tuple[int, int]):
+    """Image of the points of the laser line that were left out, with the region that holds most of them."""
+    if found is None or found.wrong is None or not found.wrong.any():
+        return
+    text = f"Points of the laser line on boards: {100 * found.share:.1f} % were left out as wrong."
+    if found.region:
+        text += f" They depend on the {found.called}: {found.region}."
+    yield figure("rejected-points", field.rejected(found.pixels, found.wrong, size), text)
+
+
 def _rejected(run: ScannerRun):
     """Laser images that were excluded, by reason, and remarks on the adjustment."""
+    yield from rejected_points(run.calibration.rejected, run.calibration.camera.size)
     by_reason: dict[str, list[str]] = {}
     for rejection in run.rejected:
         by_reason.setdefault(rejection.why, []).append(rejection.image)
