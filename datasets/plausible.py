@@ -89,15 +89,17 @@ def points_are_millimetres(table: Table, context: Context) -> None:
     outside = context.measures in ("external-point", "external-pose", "partial-pose")
     if not outside or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
         return
-    turns = [
+    angles_deg = [
         np.ptp(table.columns[c][moving])
         for c in joint_columns(table.columns)[:3]
         if c.endswith("_deg")
     ]
     spread = np.ptp(points[moving], axis=0).max()
-    if turns and spread < reach * np.deg2rad(max(turns)) / 50:
+    if angles_deg and spread < reach * np.deg2rad(max(angles_deg)) / 50:
         raise _metres(
-            table, spread, f"an arm with a reach of {reach:.0f} mm rotated by {max(turns):.0f} deg"
+            table,
+            spread,
+            f"an arm with a reach of {reach:.0f} mm rotated by {max(angles_deg):.0f} deg",
         )
 
 

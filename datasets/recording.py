@@ -95,8 +95,8 @@ class Recording:
         from scipy.spatial.transform import Rotation
 
         x, y, z, qw, qx, qy, qz = (self.columns[c] for c in FLANGE)
-        turn = Rotation.from_quat(np.stack([qx, qy, qz, qw], axis=1)).as_matrix()
-        return transform(turn, np.stack([x, y, z], axis=1))
+        rotation = Rotation.from_quat(np.stack([qx, qy, qz, qw], axis=1)).as_matrix()
+        return transform(rotation, np.stack([x, y, z], axis=1))
 
     @property
     def points(self) -> np.ndarray:

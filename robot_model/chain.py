@@ -117,9 +117,9 @@ def _angles_and_shifts(robot, variables, geometry):
         shifts = np.broadcast_to(d, variables.shape) if varies else d
         return variables + theta, shifts
     slides = robot.prismatic[:, None]
-    turned = np.where(slides, 0, variables)
+    angles = np.where(slides, 0, variables)
     shifted = np.where(slides, variables, 0)
-    return turned + theta, shifted + d
+    return angles + theta, shifted + d
 
 
 def _tips(robot, geometry) -> np.ndarray:
@@ -158,32 +158,32 @@ class _Walk:
     def distal(self, k, theta, alpha, beta, shift, length):
         self.z.append(self.axes[2])
         self.z_origin.append(self.origin)
-        self.turn(2, *theta)
+        self.rotate(2, *theta)
         self.origin = self.origin + self.axes[2] * shift
         self.origin += self.axes[0] * length
         self.x.append(self.axes[0])
         self.x_origin.append(self.origin)
-        self.turn(0, *alpha)
+        self.rotate(0, *alpha)
         self.y.append(self.axes[1])
         if beta is not None:
-            self.turn(1, *beta)
+            self.rotate(1, *beta)
         self.keep_joint(k)
 
     def craig(self, k, theta, alpha, beta, shift, length):
         self.y.append(self.axes[1])
         self.x_origin.append(self.origin)
         if beta is not None:
-            self.turn(1, *beta)
+            self.rotate(1, *beta)
         self.x.append(self.axes[0])
-        self.turn(0, *alpha)
+        self.rotate(0, *alpha)
         self.origin = self.origin + self.axes[0] * length
         self.z.append(self.axes[2])
         self.z_origin.append(self.origin)
-        self.turn(2, *theta)
+        self.rotate(2, *theta)
         self.origin = self.origin + self.axes[2] * shift
         self.keep_joint(k)
 
-    def turn(self, about, c, s):
+    def rotate(self, about, c, s):
         """Right-multiply by an elementary rotation: mixes the other two axes."""
         i = (about + 1) % 3
         j = (about + 2) % 3
@@ -297,17 +297,17 @@ def geometry_turns(frames: Frames, port_indices: np.ndarray) -> np.ndarray:
 def frame_rows(
     frames: Frames, point: np.ndarray, port_indices: np.ndarray, twists: dict[int, np.ndarray]
 ) -> np.ndarray:
-    """(len(port_indices), 3, n) motion of `point` per unit of twist; component 6 place + 0..2 shift, 3..5 turn."""
+    """(len(port_indices), 3, n) motion of `point` per unit of twist; component 6 place + 0..2 shift, 3..5 rotation."""
     place, kind = np.divmod(port_indices, 6)
     rows = np.empty((len(port_indices), 3, point.shape[1]))
     for p in np.unique(place):
         mine = place == p
         shifts = mine & (kind < 3)
-        turns = mine & (kind >= 3)
+        is_rotation = mine & (kind >= 3)
         rows[shifts] = frames.link[p][kind[shifts]]
-        if turns.any():
+        if is_rotation.any():
             lever = point - _moved_pivot(frames, p, twists)
-            rows[turns] = cross(_place_turns(frames, p, twists)[kind[turns] - 3], lever)
+            rows[is_rotation] = cross(_place_turns(frames, p, twists)[kind[is_rotation] - 3], lever)
     return rows
 
 

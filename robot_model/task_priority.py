@@ -79,8 +79,8 @@ def _movable_ranks(robot: Robot, point, held: np.ndarray) -> tuple[int, int]:
     _, moved, directions = np.linalg.svd(jacobian[:, :3])
     place = int((moved > _MOVABLE * moved.max()).sum(1).max())
     still = np.swapaxes(directions[:, place:], 1, 2)
-    turned = np.linalg.svd(jacobian[:, 3:] @ still, compute_uv=False)
-    return place, int((turned > _MOVABLE).sum(1).max(initial=0))
+    rotations = np.linalg.svd(jacobian[:, 3:] @ still, compute_uv=False)
+    return place, int((rotations > _MOVABLE).sum(1).max(initial=0))
 
 
 def _reading_jacobian(robot: Robot, frames, point) -> np.ndarray:
@@ -134,8 +134,8 @@ def pose_difference(actual, target, point=(0.0, 0.0, 0.0)) -> np.ndarray:
 
 def pose_sizes(error) -> tuple:
     """(n,) mm and (n,) deg: the sizes of both parts of an error (6, n) in mm and rad."""
-    turn = np.rad2deg(np.sqrt((error[3:] ** 2).sum(0)))
-    return np.sqrt((error[:3] ** 2).sum(0)), turn
+    rotation = np.rad2deg(np.sqrt((error[3:] ** 2).sum(0)))
+    return np.sqrt((error[:3] ** 2).sum(0)), rotation
 
 
 def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int]) -> tuple:
@@ -146,15 +146,15 @@ def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int
     it is zero at the optimum.
     """
     place = error[:3].T
-    turn = error[3:].T
+    rotation = error[3:].T
     inverse, still, movable = _ranked(jacobian[:, :3], ranks[0])
     first = _times(inverse, place)
     inner, _, turnable = _ranked(jacobian[:, 3:] @ still, ranks[1])
-    remaining = turn - _times(jacobian[:, 3:], first)
+    remaining = rotation - _times(jacobian[:, 3:], first)
     step = first + _times(still, _times(inner, remaining))
     rest = np.linalg.norm(_times(movable, place), axis=1)
-    rest_turn = np.linalg.norm(_times(turnable, turn), axis=1)
-    return step, np.maximum(rest, LEVER_MM * rest_turn)
+    rest_rotation = np.linalg.norm(_times(turnable, rotation), axis=1)
+    return step, np.maximum(rest, LEVER_MM * rest_rotation)
 
 
 def _ranked(matrix, rank: int) -> tuple:

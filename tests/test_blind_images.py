@@ -88,7 +88,7 @@ def test_rays_meet_a_bent_board_on_its_arc():
     )
     rays = np.random.default_rng(1).uniform([[-0.25], [-0.2], [1]], [[0.25], [0.2], [1]], (3, 200))
     points, albedo = board.meet(rays / np.linalg.norm(rays, axis=0))
-    local = board.turn.T @ (points - board.place[:, None])
+    local = board.rotation.T @ (points - board.place[:, None])
     assert np.nanmax(np.abs(local[2] - board.height(*local[:2]))) < 1e-7
     assert np.nanmax(np.abs(local[2])) > 0.05
     assert set(np.unique(albedo)) == {0.22, 0.85}

@@ -78,7 +78,7 @@ def observed_pose(model, truth, measures):
         turned = {"axis": np.stack([columns[f"o{c}"] for c in "xyz"])}
     else:
         turned = {
-            "turns": Rotation.from_quat(
+            "rotations": Rotation.from_quat(
                 np.stack([columns[f"q{c}"] for c in "xyzw"], -1)
             ).as_matrix()
         }

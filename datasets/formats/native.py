@@ -104,11 +104,11 @@ def image_recording(
     )
 
 
-def flange_columns(places_mm: np.ndarray, turns_deg: np.ndarray) -> dict[str, np.ndarray]:
+def flange_columns(places_mm: np.ndarray, rotations_deg: np.ndarray) -> dict[str, np.ndarray]:
     """flange_x_mm … flange_qz from places (n, 3) and angles (n, 3) about the fixed axes x, then y, then z."""
     from scipy.spatial.transform import Rotation
 
-    x, y, z, w = Rotation.from_euler("xyz", turns_deg, degrees=True).as_quat(canonical=True).T
+    x, y, z, w = Rotation.from_euler("xyz", rotations_deg, degrees=True).as_quat(canonical=True).T
     return dict(zip(FLANGE, (*places_mm.T, w, x, y, z)))
 
 

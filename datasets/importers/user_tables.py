@@ -338,17 +338,17 @@ def _positions(raw: RawTable, found: Mapping, takes_map: bool = True) -> dict[st
 
 def _rotations(raw: RawTable, found: Mapping) -> dict[str, np.ndarray]:
     group = found.flange_rotation
-    turns = rotation_candidates(group, raw)
-    if len(turns) != 1:
-        some = ", ".join(turn.title for turn in turns[:4]) or "none"
+    candidates = rotation_candidates(group, raw)
+    if len(candidates) != 1:
+        some = ", ".join(candidate.title for candidate in candidates[:4]) or "none"
         raise complaint(
             f"{raw.file}, columns {', '.join(group.columns)}",
             "rotations whose convention is stated",
-            f"{len(turns)} readings ({some}{', ...' if len(turns) > 4 else ''})",
+            f"{len(candidates)} readings ({some}{', ...' if len(candidates) > 4 else ''})",
             'add [flange_rotation] with columns, unit and convention = "intrinsic XYZ", or another, to a mapping file, '
             "and name it with --map",
         )
-    return conversion.rotation_columns(raw, turns[0].group)
+    return conversion.rotation_columns(raw, candidates[0].group)
 
 
 @dataclass(frozen=True)

@@ -238,20 +238,20 @@ def _board(world: World, rng) -> Board:
         * SQUARE
     )
     for _ in range(_TRIES):
-        turn, place = _turned(rng, 35.0), _somewhere(world, rng, 100, 155, 0.35)
-        place = place - turn @ middle
-        seen = turn @ corners + place[:, None]
+        rotation, place = _random_rotation(rng, 35.0), _somewhere(world, rng, 100, 155, 0.35)
+        place = place - rotation @ middle
+        seen = rotation @ corners + place[:, None]
         pixels = world.lens.project(seen[:2] / seen[2])
         if (pixels > 8).all() and (pixels < np.array([[WIDTH - 9], [HEIGHT - 9]])).all():
             bend, across, along = world.bow
-            return Board(COLUMNS, ROWS, SQUARE, turn, place, bend, across, along)
+            return Board(COLUMNS, ROWS, SQUARE, rotation, place, bend, across, along)
     raise ValueError("no board fits into the image")
 
 
 def _balls(world: World, rng) -> Balls:
-    turn = _turned(rng, 25.0)
-    middle = _somewhere(world, rng, 112, 140, 0.25) - turn @ _BALLS[:, rng.integers(3)]
-    return Balls(turn @ _BALLS + middle[:, None], _RADII, world.depth)
+    rotation = _random_rotation(rng, 25.0)
+    middle = _somewhere(world, rng, 112, 140, 0.25) - rotation @ _BALLS[:, rng.integers(3)]
+    return Balls(rotation @ _BALLS + middle[:, None], _RADII, world.depth)
 
 
 def _somewhere(world, rng, near, far, aside) -> np.ndarray:
@@ -260,7 +260,7 @@ def _somewhere(world, rng, near, far, aside) -> np.ndarray:
     return np.array([*flat, 1.0]) * rng.uniform(near, far)
 
 
-def _turned(rng, tilt_deg) -> np.ndarray:
+def _random_rotation(rng, tilt_deg) -> np.ndarray:
     """(3, 3) a roll of up to 15 degrees, then a tilt any way."""
     from scipy.spatial.transform import Rotation
 

@@ -25,7 +25,7 @@ class Board:
     columns: int
     rows: int
     square: float
-    turn: np.ndarray
+    rotation: np.ndarray
     place: np.ndarray
     bend: float = 0.0
     across: float = 0.0
@@ -40,7 +40,7 @@ class Board:
 
     def meet(self, rays):
         """Points (3, n) mm where rays (3, n) meet the board, nan outside it, and the albedo (n,) there."""
-        local, eye = self.turn.T @ rays, -self.turn.T @ self.place
+        local, eye = self.rotation.T @ rays, -self.rotation.T @ self.place
         height, flat = 0.0, None
         for _ in range(4 if self.bend or self.across else 1):
             length = (height - eye[2]) / local[2]
@@ -53,8 +53,8 @@ class Board:
         return np.where(inside, rays * length, np.nan), np.where(dark, 0.22, 0.85)
 
     def normals(self, points):
-        side = -np.sign(self.turn[:, 2] @ self.place)
-        return np.broadcast_to((side * self.turn[:, 2])[:, None], points.shape)
+        side = -np.sign(self.rotation[:, 2] @ self.place)
+        return np.broadcast_to((side * self.rotation[:, 2])[:, None], points.shape)
 
 
 def _sag(along, curvature):

@@ -65,9 +65,9 @@ def middles_on_sphere(positions: int) -> np.ndarray:
     k = np.arange(positions) + 0.5
     height = 1 - (1 - np.cos(_CAP)) * k / positions
     golden_angle = np.pi * (3 - np.sqrt(5))
-    turn = k * golden_angle
+    angle = k * golden_angle
     around = np.sqrt(1 - height**2)
-    rays = np.stack([around * np.cos(turn), around * np.sin(turn), height], 1)
+    rays = np.stack([around * np.cos(angle), around * np.sin(angle), height], 1)
     shoulder = np.array([0, 0, _NOMINAL[0][2]])
     towards_arm, _ = Rotation.align_vectors(shoulder - centre, [0, 0, 1])
     return centre + radius * towards_arm.apply(rays)

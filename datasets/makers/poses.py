@@ -14,7 +14,7 @@ _LEAST_STEP = 1e-13  # rad
 
 
 def _fixed(d, a, alpha, beta) -> np.ndarray:
-    """(4, 4) Tz(d) Tx(a) Rx(alpha) Ry(beta), what follows the turn of a joint."""
+    """(4, 4) Tz(d) Tx(a) Rx(alpha) Ry(beta), what follows the rotation of a joint."""
     out = np.eye(4)
     out[:3, :3] = Rotation.from_euler("XY", [alpha, beta]).as_matrix()
     out[:3, 3] = a, 0, d
@@ -35,8 +35,8 @@ def forward(geometry: np.ndarray, joints: np.ndarray) -> np.ndarray:
 def _miss(geometry, joints, targets) -> np.ndarray:
     """(n, 6) how far each flange is from its target, all in mm."""
     here = forward(geometry, joints)
-    turn = targets[:, :3, :3] @ here[:, :3, :3].transpose(0, 2, 1)
-    rotation = Rotation.from_matrix(turn).as_rotvec()
+    relative = targets[:, :3, :3] @ here[:, :3, :3].transpose(0, 2, 1)
+    rotation = Rotation.from_matrix(relative).as_rotvec()
     return np.hstack([targets[:, :3, 3] - here[:, :3, 3], _LEVER * rotation])
 
 
@@ -80,9 +80,9 @@ def looking_down(rng: np.random.Generator, n: int, tilt: float, roll: float) -> 
     angle = tilt * np.sqrt(rng.random(n))
     side = rng.uniform(-np.pi, np.pi, n)
     axis = np.column_stack([np.cos(side), np.sin(side), np.zeros(n)])
-    turn = Rotation.from_rotvec(angle[:, None] * axis)
+    about_axis = Rotation.from_rotvec(angle[:, None] * axis)
     down = np.column_stack([np.full(n, np.pi), rng.uniform(-roll, roll, n)])
-    return (turn * Rotation.from_euler("XZ", down)).as_matrix()
+    return (about_axis * Rotation.from_euler("XZ", down)).as_matrix()
 
 
 def scanning(
@@ -126,5 +126,5 @@ def scanning(
 
 def _balanced(ball: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """The rows again, the first view of every ball first, then the second of every ball ..."""
-    turn = [np.sum(ball[rows[:i]] == ball[row]) for i, row in enumerate(rows)]
-    return rows[np.argsort(turn, kind="stable")]
+    visit = [np.sum(ball[rows[:i]] == ball[row]) for i, row in enumerate(rows)]
+    return rows[np.argsort(visit, kind="stable")]

@@ -58,7 +58,7 @@ def tx60(
     flange = poses.forward(nominal if planned else true, np.deg2rad(joints_deg))
     sigma = (0.0, 0.0) if planned else (position_mm, np.deg2rad(axis_deg))
     points = flange[:, :3, 3] + rng.normal(0, 1, (n, 3)) * sigma[0]
-    turns = (
+    rotations = (
         Rotation.from_rotvec(rng.normal(0, 1, (n, 3)) * sigma[1]).as_matrix() @ flange[:, :3, :3]
     )
     head = {
@@ -69,7 +69,7 @@ def tx60(
     return folder.Made(
         measures=kind[0],
         title=f"Staubli TX60, {'planned' if planned else 'simulated'}, {measures.upper()}",
-        columns=head | _attitude(turns, kind[1]) | {"sigma_deg": np.full(n, axis_deg)},
+        columns=head | _attitude(rotations, kind[1]) | {"sigma_deg": np.full(n, axis_deg)},
         robot=robot(nominal),
         sigma_mm=position_mm,
         source="made by datasets.makers.tx60 from Tables 2 and 3 of Mathematics 2023, 11, 4802",
@@ -124,17 +124,17 @@ def in_cube(rng: np.random.Generator, geometry: np.ndarray, n: int) -> np.ndarra
     )
     cell = np.floor((place / measurement["cube_mm"] + 0.5) * 5).astype(int) @ [25, 5, 1]
     order = np.argsort(cell, kind="stable")
-    turn = np.empty(len(cell), int)
-    turn[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
-    return rng.permutation(drawn[np.argsort(turn, kind="stable")[:n]])
+    visit = np.empty(len(cell), int)
+    visit[order] = np.arange(len(cell)) - np.searchsorted(cell[order], cell[order])
+    return rng.permutation(drawn[np.argsort(visit, kind="stable")[:n]])
 
 
-def _attitude(turns: np.ndarray, axis: int | None) -> dict[str, np.ndarray]:
+def _attitude(rotations: np.ndarray, axis: int | None) -> dict[str, np.ndarray]:
     """Columns of an axis of the flange (0 x, 1 y), or of its whole attitude."""
     if axis is None:
-        return dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_matrix(turns).as_quat().T))
+        return dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_matrix(rotations).as_quat().T))
     names = (("nx", "ny", "nz"), ("ox", "oy", "oz"))[axis]
-    return dict(zip(names, turns[:, :, axis].T))
+    return dict(zip(names, rotations[:, :, axis].T))
 
 
 def main() -> None:

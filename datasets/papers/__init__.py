@@ -59,5 +59,5 @@ def registration_rms(points: np.ndarray, reference: np.ndarray) -> float:
     from scipy.spatial.transform import Rotation
 
     a, b = reference - reference.mean(axis=0), points - points.mean(axis=0)
-    turn, _ = Rotation.align_vectors(a, b)
-    return float(np.sqrt(np.mean(np.sum((a - turn.apply(b)) ** 2, axis=1))))
+    rotation, _ = Rotation.align_vectors(a, b)
+    return float(np.sqrt(np.mean(np.sum((a - rotation.apply(b)) ** 2, axis=1))))

@@ -64,8 +64,8 @@ class BallCentre:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """Predicted minus measured (3, n) in the sensor frame; the world is the artefact."""
-        turn = rotation_matrix(values[3:])
-        axes = [sum(e * r for e, r in zip(frames.end, column)) for column in turn.T]
+        rotation = rotation_matrix(values[3:])
+        axes = [sum(e * r for e, r in zip(frames.end, column)) for column in rotation.T]
         ball = self.centres[self.index].T
         if "target" in deltas:
             ball = add_delta(ball, deltas["target"])
@@ -73,9 +73,9 @@ class BallCentre:
         seen = np.stack([(axis * from_sensor).sum(0) for axis in axes])
         predicted = add_delta(seen, deltas["sensor"]) if "sensor" in deltas else seen
         # turning the hand-eye by dw (flange frame) moves the seen point by seen x (R^T dw)
-        about = turn.T @ left_jacobian(values[3:])
+        about = rotation.T @ left_jacobian(values[3:])
         tool_rows = np.empty((6, 3, len(self.index)))
-        tool_rows[:3] = -turn[:, :, None]
+        tool_rows[:3] = -rotation[:, :, None]
         tool_rows[3:] = cross(seen, about.T[:, :, None])
         ports = {
             "sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])),
@@ -108,16 +108,16 @@ class BallCentre:
 
     def system(self, frames: Frames) -> RotationSystem:
         """The equations of `start`, one sample a ball seen."""
-        turns = flange_matrices(frames)
-        count = len(turns)
+        rotations = flange_matrices(frames)
+        count = len(rotations)
         balls = (self.centres[self.index] - self._ball_centroid()).T
         by_base = kronecker_rows(balls).reshape(count, 3, 9)
-        by_hand = np.einsum("nij,jkn->nik", turns, _by_matrix(self.measured))
+        by_hand = np.einsum("nij,jkn->nik", rotations, _by_matrix(self.measured))
         shift = np.broadcast_to(np.eye(3), (count, 3, 3))
         origins = frames.end_origin - frames.end_origin.mean(1, keepdims=True)
         return RotationSystem(
             np.concatenate([by_base, -by_hand], 2) / MODEL_ERROR_MM,
-            np.concatenate([shift, -turns], 2) / MODEL_ERROR_MM,
+            np.concatenate([shift, -rotations], 2) / MODEL_ERROR_MM,
             origins.T / MODEL_ERROR_MM,
             np.repeat([ORIGIN_PRIOR_MM, TOOL_PRIOR_MM], 3),
         )

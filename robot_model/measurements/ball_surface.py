@@ -69,24 +69,24 @@ class BallSurface:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance from the ball's surface, outwards, mm; the world is the artefact."""
-        turn = rotation_matrix(values[3:])
+        rotation = rotation_matrix(values[3:])
         seen = self.measured
         centre = self.balls[self.index, :3].T
         if "sensor" in deltas:  # what was measured is the true point and the sensor's error
             seen = _moved(seen, deltas["sensor"], -1)
         if "target" in deltas:
             centre = _moved(centre, deltas["target"], 1)
-        arm = turn @ seen
+        arm = rotation @ seen
         point = frames.point(arm + values[:3, None])
         out = point - centre
         far = np.sqrt((out**2).sum(0))
         out = out / far
         by_flange = np.stack([(out * axis).sum(0) for axis in frames.end])
-        turned = cross(
+        by_rotation = cross(
             left_jacobian(values[3:]).T[:, :, None], np.broadcast_to(arm, (3, *arm.shape))
         )
-        tool_rows = np.concatenate([by_flange[:, None], (turned * by_flange).sum(1)[:, None]])
-        ports = {"sensor": -(turn.T @ by_flange)[:, None], "target": -out[:, None]}
+        tool_rows = np.concatenate([by_flange[:, None], (by_rotation * by_flange).sum(1)[:, None]])
+        ports = {"sensor": -(rotation.T @ by_flange)[:, None], "target": -out[:, None]}
         return Closure(
             (far - self.balls[self.index, 3])[None],
             point,

@@ -132,11 +132,11 @@ class Distance:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Reflectors by Gauss-Newton from where the squared lengths, with products as unknowns, put one for all."""
-        turns, origins = flange_matrices(frames), frames.end_origin.T
+        rotations, origins = flange_matrices(frames), frames.end_origin.T
         half = len(self.lengths)
-        turn = turns[half:] - turns[:half]
+        relative_rotation = rotations[half:] - rotations[:half]
         shift = origins[half:] - origins[:half]
-        values = np.tile(_lifted(turn, shift, self.lengths), len(self.ids))
+        values = np.tile(_lifted(relative_rotation, shift, self.lengths), len(self.ids))
         return np.zeros(0), self._refined(frames, values)
 
     def _refined(self, frames, values):
@@ -166,15 +166,15 @@ class Distance:
         return {"length_mm": self.lengths + residual[0]}
 
 
-def _lifted(turn, shift, lengths):
-    """(3,) x with |turn x + shift| nearest lengths, from x and its products x x' as nine free unknowns.
+def _lifted(rotation, shift, lengths):
+    """(3,) x with |rotation x + shift| nearest lengths, from x and its products x x' as nine free unknowns.
 
-    turn (N, 3, 3), shift (N, 3): |turn x + shift|^2 - length^2 is linear in both.
+    rotation (N, 3, 3), shift (N, 3): |rotation x + shift|^2 - length^2 is linear in both.
     """
     scale = max(float(np.abs(lengths).max()), 1.0)
-    square = np.einsum("nki,nkj->nij", turn, turn)
+    square = np.einsum("nki,nkj->nij", rotation, rotation)
     i, j = np.triu_indices(3)
     products = square[:, i, j] * np.where(i == j, 1, 2)
-    by_x = 2 * np.einsum("nk,nki->ni", shift / scale, turn)
+    by_x = 2 * np.einsum("nk,nki->ni", shift / scale, rotation)
     right = (lengths**2 - (shift**2).sum(1)) / scale**2
     return np.linalg.lstsq(np.hstack([by_x, products]), right, rcond=1e-8)[0][:3] * scale

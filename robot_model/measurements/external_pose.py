@@ -17,7 +17,7 @@ class ExternalPose:
     """Measured points (3, n) mm and rotations (n, 3, 3), target frame to external frame."""
 
     measured: np.ndarray
-    turns: np.ndarray
+    rotations: np.ndarray
     place, grounded = "tool", False
 
     @classmethod
@@ -46,15 +46,15 @@ class ExternalPose:
     def sigma(self, recording) -> np.ndarray:
         """(6, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
-        turn = (
+        orientation_noise = (
             np.deg2rad(recording.columns["sigma_deg"])
             if "sigma_deg" in recording.columns
             else position[0] / 100
         )
-        return np.concatenate([position, np.tile(turn, (3, 1))])
+        return np.concatenate([position, np.tile(orientation_noise, (3, 1))])
 
     def at(self, samples: np.ndarray) -> "ExternalPose":
-        return replace(self, measured=self.measured[:, samples], turns=self.turns[samples])
+        return replace(self, measured=self.measured[:, samples], rotations=self.rotations[samples])
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
@@ -68,7 +68,7 @@ class ExternalPose:
             point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         off = (
-            Rotation.from_matrix(flange_matrices(frames) @ tool @ self.turns.transpose(0, 2, 1))
+            Rotation.from_matrix(flange_matrices(frames) @ tool @ self.rotations.transpose(0, 2, 1))
             .as_rotvec()
             .T
         )
@@ -85,7 +85,12 @@ class ExternalPose:
         }
         residual = np.concatenate([predicted - self.measured, off])
         return Closure(
-            residual, point, _above, tool_rows, ports, lambda turns: _below(_of_vector(off, turns))
+            residual,
+            point,
+            _above,
+            tool_rows,
+            ports,
+            lambda rotations: _below(_of_vector(off, rotations)),
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -104,10 +109,10 @@ class ExternalPose:
 
     def system(self, frames: Frames) -> RotationSystem:
         """The rows of one reflector, and R_b^T R_m - R_f R_t = 0 with X_1 = R_b^T and X_2 = R_t."""
-        turns = flange_matrices(frames)
-        points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)
-        by_base = np.einsum("ia,nbl->nilab", np.eye(3), self.turns).reshape(-1, 9, 9)
-        by_tool = np.einsum("nia,lb->nilab", turns, np.eye(3)).reshape(-1, 9, 9)
+        rotations = flange_matrices(frames)
+        points = point_system(frames, self.measured, np.zeros(len(rotations), int), 1)
+        by_base = np.einsum("ia,nbl->nilab", np.eye(3), self.rotations).reshape(-1, 9, 9)
+        by_tool = np.einsum("nia,lb->nilab", rotations, np.eye(3)).reshape(-1, 9, 9)
         # the Frobenius norm of the difference of two rotations is sqrt(2) times a small angle between them
         unit = lever_arm(frames.end_origin) / (np.sqrt(2) * MODEL_ERROR_MM)
         return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
@@ -116,26 +121,28 @@ class ExternalPose:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""
         from scipy.spatial.transform import Rotation
 
-        turns = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.turns)
+        rotations = Rotation.from_rotvec(residual[3:].T) * Rotation.from_matrix(self.rotations)
         position = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
-        orientation = dict(zip(("qx", "qy", "qz", "qw"), turns.as_quat().T))
+        orientation = dict(zip(("qx", "qy", "qz", "qw"), rotations.as_quat().T))
         return position | orientation
 
 
-def _of_vector(vector, turns):
-    """(k, 3, n) change of a rotation vector (3, n) when its rotation is turned by small `turns` (k, 3, n).
+def _of_vector(vector, rotations):
+    """(k, 3, n) change of a rotation vector (3, n) by small `rotations` (k, 3, n) that follow its own.
 
     The inverse of the left Jacobian: Barfoot, State Estimation for Robotics (2017), eq. 7.76.
     """
     angle = np.maximum(np.sqrt((vector**2).sum(0)), 1e-3)  # below, the factor is 1/12 to 1e-9
-    vector = np.broadcast_to(vector, turns.shape)
-    once = cross(vector, turns)
-    return turns - once / 2 + (1 - angle / 2 / np.tan(angle / 2)) / angle**2 * cross(vector, once)
+    vector = np.broadcast_to(vector, rotations.shape)
+    once = cross(vector, rotations)
+    return (
+        rotations - once / 2 + (1 - angle / 2 / np.tan(angle / 2)) / angle**2 * cross(vector, once)
+    )
 
 
 def _above(rows):
     return np.concatenate([rows, np.zeros_like(rows)], 1)
 
 
-def _below(turns):
-    return np.concatenate([np.zeros_like(turns), turns], 1)
+def _below(rotations):
+    return np.concatenate([np.zeros_like(rotations), rotations], 1)

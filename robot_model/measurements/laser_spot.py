@@ -100,16 +100,16 @@ class LaserSpot:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(2, n) the point in the beam's frame, across the beam, mm."""
-        turn = rotation_matrix(values[3:6])
-        axes = [sum(e * r for e, r in zip(frames.end, column)) for column in turn.T]
+        rotation = rotation_matrix(values[3:6])
+        axes = [sum(e * r for e, r in zip(frames.end, column)) for column in rotation.T]
         points, point_rows = self._points(values[6:])
         point = points[:, self.index]
         displacement = point - frames.point(values[:3])
         seen = np.stack([(axis * displacement).sum(0) for axis in axes])
-        about = turn.T @ left_jacobian(values[3:6])
+        about = rotation.T @ left_jacobian(values[3:6])
         tool_rows = np.concatenate(
             [
-                np.repeat(-turn[:, :2, None], len(self.index), 2),
+                np.repeat(-rotation[:, :2, None], len(self.index), 2),
                 cross(seen, about.T[:, :, None])[:, :2],
             ]
         )
@@ -144,10 +144,10 @@ class LaserSpot:
                 continue
             tilt = np.array([*values[at : at + 2], 0.0])
             ray = self.facing[k] @ rotation_matrix(tilt)[:, 2]
-            turned = (self.facing[k] @ left_jacobian(tilt))[:, :2]
+            by_tilt = (self.facing[k] @ left_jacobian(tilt))[:, :2]
             points[:, k] = spheres[s, :3] + spheres[s, 3] * ray
             rows[4 * s : 4 * s + 3, :, k], rows[4 * s + 3, :, k] = np.eye(3), ray
-            rows[at : at + 2, :, k] = spheres[s, 3] * np.cross(turned.T, ray)
+            rows[at : at + 2, :, k] = spheres[s, 3] * np.cross(by_tilt.T, ray)
             at += 2
         return points, rows
 
@@ -166,35 +166,35 @@ class LaserSpot:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Beam and points by turns, from each axis of the flange; the spheres through the points."""
-        origin, turn, points = self._start_points(frames)
+        origin, rotation, points = self._start_points(frames)
         spheres = [_sphere_through(points[self.sphere == s]) for s in range(self.spheres)]
         places = [
             points[k] if s < 0 else _tilt(self.facing[k].T @ (points[k] - spheres[s][:3]))
             for k, s in enumerate(self.sphere)
         ]
-        return np.zeros(0), np.concatenate([pose_values(turn, origin), *spheres, *places])
+        return np.zeros(0), np.concatenate([pose_values(rotation, origin), *spheres, *places])
 
     def _start_points(self, frames):
         """Beam origin (3,), rotation (3, 3) with z along the beam, points (K, 3): the best of three starts."""
-        turns, origins = flange_matrices(frames), frames.end_origin.T
-        tried = [self._by_turns(turns, origins, axis) for axis in np.eye(3)]
+        rotations, origins = flange_matrices(frames), frames.end_origin.T
+        tried = [self._for_direction(rotations, origins, axis) for axis in np.eye(3)]
         return min(tried, key=lambda found: found[3])[:3]
 
-    def _by_turns(self, turns, origins, direction):
+    def _for_direction(self, rotations, origins, direction):
         """Points from beams, then the beam from the points as the flange sees them, and again."""
         origin = np.zeros(3)
         for _ in range(_ROUNDS):
-            points = self._nearest_points(origins + turns @ origin, turns @ direction)
-            seen = np.einsum("nji,nj->ni", turns, points[self.index] - origins)
+            points = self._nearest_points(origins + rotations @ origin, rotations @ direction)
+            seen = np.einsum("nji,nj->ni", rotations, points[self.index] - origins)
             origin = seen.mean(0)
             direction = np.linalg.svd(seen - origin, full_matrices=False)[2][0]
         off = seen - origin
         distance = float(((off - np.outer(off @ direction, direction)) ** 2).sum())
         origin = origin - (origin @ direction) * direction
-        turn, _ = rigid_fit(
+        rotation, _ = rigid_fit(
             np.stack([np.zeros(3), [0.0, 0, 1]]), np.stack([np.zeros(3), direction])
         )
-        return origin, turn, points, distance
+        return origin, rotation, points, distance
 
     def _nearest_points(self, origins, directions):
         """(K, 3) points nearest to the beams that pass each."""

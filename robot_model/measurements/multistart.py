@@ -63,9 +63,9 @@ class Start:
 
     def is_near(self, other: "Start") -> bool:
         """Whether another round moved neither the rotations nor the translations by what matters to a start."""
-        turned = _angle_between(self.rotations, other.rotations)
+        angle = _angle_between(self.rotations, other.rotations)
         shifted = np.abs(self.translations - other.translations).max(initial=0.0)
-        return turned < _SETTLED_RAD and shifted < _SETTLED_MM
+        return angle < _SETTLED_RAD and shifted < _SETTLED_MM
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class PartialPose:
         )
 
     def parameters(self) -> list:
-        """Transform T_flange_target; its turn about the measured axis is nowhere seen."""
+        """Transform T_flange_target; the data hold nothing about its rotation about the measured axis."""
         return pose_parameters("tool", "tool")
 
     @property
@@ -57,12 +57,12 @@ class PartialPose:
     def sigma(self, recording) -> np.ndarray:
         """(5, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
-        turn = (
+        orientation_noise = (
             np.deg2rad(recording.columns["sigma_deg"])
             if "sigma_deg" in recording.columns
             else position[0] / 100
         )
-        return np.concatenate([position, np.tile(turn, (2, 1))])
+        return np.concatenate([position, np.tile(orientation_noise, (2, 1))])
 
     def at(self, samples: np.ndarray) -> "PartialPose":
         return replace(self, measured=self.measured[:, samples], axis=self.axis[:, samples])
@@ -94,11 +94,11 @@ class PartialPose:
         sines = np.einsum("acn,cn->an", across, axis)
         cosine = (self.axis * axis).sum(0)
         is_opposite = (np.abs(sines).max(0) < 1e-12) & (cosine < 0)
-        sines[0, is_opposite] = 1e-12  # half a turn about any axis across
+        sines[0, is_opposite] = 1e-12  # a rotation by pi about any axis across
         leaning = _logarithm(sines, cosine)
 
-        def lean(turns):
-            moved = cross(turns, np.broadcast_to(axis, turns.shape))
+        def lean(rotations):
+            moved = cross(rotations, np.broadcast_to(axis, rotations.shape))
             return _logarithm_rows(
                 sines, cosine, np.einsum("acn,kcn->kan", across, moved), (self.axis * moved).sum(1)
             )
@@ -113,7 +113,9 @@ class PartialPose:
             for port, rows in (("target", axes), ("sensor", sensor))
         }
         residual = np.concatenate([predicted - self.measured, leaning])
-        return Closure(residual, point, _above, tool_rows, ports, lambda turns: _below(lean(turns)))
+        return Closure(
+            residual, point, _above, tool_rows, ports, lambda rotations: _below(lean(rotations))
+        )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and tool (6,) that fit positions and axes together best.
@@ -124,16 +126,18 @@ class PartialPose:
 
         start = self.system(frames).starts()[0]
         axis = start.rotations[1][:, self.which]
-        turn, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
+        alignment, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
         place = start.translations[3:]
-        return base_values(start, frames, self.measured), np.concatenate([place, turn.as_rotvec()])
+        return base_values(start, frames, self.measured), np.concatenate(
+            [place, alignment.as_rotvec()]
+        )
 
     def system(self, frames: Frames) -> RotationSystem:
         """The rows of one reflector, and R_b^T n - R_f R_t e = 0 with X_1 = R_b^T and X_2 = R_t."""
-        turns = flange_matrices(frames)
-        points = point_system(frames, self.measured, np.zeros(len(turns), int), 1)
+        rotations = flange_matrices(frames)
+        points = point_system(frames, self.measured, np.zeros(len(rotations), int), 1)
         by_base = kronecker_rows(self.axis).reshape(-1, 3, 9)
-        by_tool = np.einsum("nij,k->nijk", turns, np.eye(3)[self.which]).reshape(-1, 3, 9)
+        by_tool = np.einsum("nij,k->nijk", rotations, np.eye(3)[self.which]).reshape(-1, 3, 9)
         unit = lever_arm(frames.end_origin) / MODEL_ERROR_MM
         return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
 
@@ -175,5 +179,5 @@ def _above(rows):
     return np.concatenate([rows, np.zeros((len(rows), 2, rows.shape[2]))], 1)
 
 
-def _below(turns):
-    return np.concatenate([np.zeros((len(turns), 3, turns.shape[2])), turns], 1)
+def _below(rotations):
+    return np.concatenate([np.zeros((len(rotations), 3, rotations.shape[2])), rotations], 1)

@@ -71,11 +71,11 @@ class PlaneTouch:
             tip = tip + sum(axes[s] * c for s, c in zip(port_indices, change))
         tilt = np.column_stack([planes[:, :2], np.zeros(len(planes))])
         normals = rotation_matrix(tilt)[:, :, 2]
-        turned = np.cross(
+        rotated = np.cross(
             np.swapaxes(left_jacobian(tilt), 1, 2)[:, :2], normals[:, None]
         )  # (K, 2, 3)
         normal = normals[self.index].T
-        across = np.einsum("nkc,cn->kn", turned[self.index], tip)
+        across = np.einsum("nkc,cn->kn", rotated[self.index], tip)
         columns = np.stack([*across, np.full(len(self.index), -1.0)])
         mine = np.arange(len(planes))[:, None] == self.index
         plane_rows = (mine[:, None] * columns).reshape(-1, 1, len(self.index))
@@ -92,15 +92,15 @@ class PlaneTouch:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Planes through the tips and the tip that lies on them, by turns, from the flange's middle."""
-        turns, origins, tip = flange_matrices(frames), frames.end_origin.T, np.zeros(3)
+        rotations, origins, tip = flange_matrices(frames), frames.end_origin.T, np.zeros(3)
         for _ in range(_ROUNDS):
-            normals, middles = self._planes(origins + turns @ tip)
+            normals, middles = self._planes(origins + rotations @ tip)
             normal = normals[self.index]
-            rows = np.einsum("ni,nij->nj", normal, turns)
+            rows = np.einsum("ni,nij->nj", normal, rotations)
             right = -(normal * (origins - middles[self.index])).sum(1)
             ones = np.eye(len(self.ids))[self.index]  # each plane may shift along its normal
             tip = least_squares(np.column_stack([rows, -ones]), right, 1e-9)[:3]
-        normals, middles = self._planes(origins + turns @ tip)
+        normals, middles = self._planes(origins + rotations @ tip)
         tilts = np.stack([-normals[:, 1], normals[:, 0]], 1)
         size = np.linalg.norm(tilts, axis=1, keepdims=True)
         tilts = tilts / np.maximum(size, 1e-300) * np.arctan2(size, normals[:, 2:])

@@ -90,11 +90,11 @@ class TouchPoint:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """t_f + R_f x - p_k = 0 is linear in the tip x and the points p_k (their eq. 13, all series at once)."""
-        turns = flange_matrices(frames)
+        rotations = flange_matrices(frames)
         points = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index])
         right = -frames.end_origin.T.ravel()
         return np.zeros(0), solve_linear_start(
-            [turns.reshape(-1, 3), -points.reshape(len(right), -1)], right
+            [rotations.reshape(-1, 3), -points.reshape(len(right), -1)], right
         )
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:

@@ -43,10 +43,10 @@ def pairs_of(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def start_tip(frames: Frames, point: np.ndarray) -> np.ndarray:
     """(3,) the tip by least squares in each series, then averaged (eq. 12-16), mm."""
-    turns, origins = flange_matrices(frames), frames.end_origin.T
+    rotations, origins = flange_matrices(frames), frames.end_origin.T
     found = []
     for k in np.unique(point):
-        rows = turns[point == k]
+        rows = rotations[point == k]
         system = np.concatenate([rows, np.broadcast_to(-np.eye(3), rows.shape)], axis=2).reshape(
             -1, 6
         )

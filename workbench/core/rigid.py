@@ -13,9 +13,13 @@ def rotation_matrix(vector: np.ndarray) -> np.ndarray:
     """
     vector = np.asarray(vector, float)
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    turn = skew(vector)
+    cross_matrix = skew(vector)
     half = np.sinc(angle / (2 * np.pi))
-    return np.eye(3) + np.sinc(angle / np.pi) * turn + half**2 / 2 * (turn @ turn)
+    return (
+        np.eye(3)
+        + np.sinc(angle / np.pi) * cross_matrix
+        + half**2 / 2 * (cross_matrix @ cross_matrix)
+    )
 
 
 def rotation_vector(matrix: np.ndarray) -> np.ndarray:
@@ -63,8 +67,8 @@ def icosahedral_rotations() -> np.ndarray:
     fifth = rotation_matrix(2 * np.pi / 5 * corner / np.linalg.norm(corner))
     third = rotation_matrix(2 * np.pi / 3 * face / np.linalg.norm(face))
     found = [np.eye(3)]
-    for turn in found:
-        for candidate in (fifth @ turn, third @ turn):
+    for rotation in found:
+        for candidate in (fifth @ rotation, third @ rotation):
             if all(np.abs(candidate - other).max() > 0.1 for other in found):
                 found.append(candidate)
     return np.array(found)
@@ -90,12 +94,12 @@ def left_jacobian(vector: np.ndarray) -> np.ndarray:
     """
     vector = np.asarray(vector, float)
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    turn = skew(vector)
+    cross_matrix = skew(vector)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) + first * turn + second * (turn @ turn)
+    return np.eye(3) + first * cross_matrix + second * (cross_matrix @ cross_matrix)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -121,5 +125,5 @@ def placement(xyz: Sequence[float], rpy_deg: Sequence[float]) -> np.ndarray:
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """(..., 4, 4) T_b_a of T_a_b."""
-    turn = np.swapaxes(matrix[..., :3, :3], -1, -2)
-    return transform(turn, -(turn @ matrix[..., :3, 3, None])[..., 0])
+    transposed = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    return transform(transposed, -(transposed @ matrix[..., :3, 3, None])[..., 0])

@@ -140,10 +140,10 @@ def _predicted(bench, terms, points, time, ends):
     model, fit, _ = bench.solve(effects)
     span = model.spans[len(bench.baseline) + effects.index(drift)]
     pose = fit.parameters.values[:6]
-    turn = rotation_matrix(pose[3:])
-    place = turn.T @ (points - pose[:3, None])
+    rotation = rotation_matrix(pose[3:])
+    place = rotation.T @ (points - pose[:3, None])
     by = sum(
-        sign * _displaced(drift, turn, place[:, end], time[end]).mean(2)
+        sign * _displaced(drift, rotation, place[:, end], time[end]).mean(2)
         for sign, end in zip((-1, 1), ends)
     )
     every = _covariance(bench, model, fit)
@@ -166,12 +166,12 @@ def _covariance(bench, model, fit) -> np.ndarray:
     return inverse if scores is None else inverse @ scores @ inverse
 
 
-def _displaced(drift, turn, place, time) -> np.ndarray:
+def _displaced(drift, rotation, place, time) -> np.ndarray:
     """(P, 3, k) mm in the instrument's frame that each of the drift's parameters moves points (3, k) of the base by."""
     state = type("Clock", (), {"covariates": {"time_s": time}, "n": len(time)})()
     twist = drift.basis(state)
-    turned = np.cross(twist[:, 3:], place[None], axis=1)
-    return np.einsum("ij,pjk->pik", turn, twist[:, :3] + turned)
+    by_rotation = np.cross(twist[:, 3:], place[None], axis=1)
+    return np.einsum("ij,pjk->pik", rotation, twist[:, :3] + by_rotation)
 
 
 __all__ = ["FixedPoints", "fixed_points"]

@@ -199,16 +199,16 @@ def _numbers(joints) -> set[str]:
 def doubts(programme: Programme, robot: Robot) -> list[str]:
     """Warnings about targets that are possible but suspicious, and configuration data that are not read."""
     called = programme.table.called
-    turning = np.rad2deg(programme.readings[:, ~sliding(robot)])
+    revolute = np.rad2deg(programme.readings[:, ~sliding(robot)])
     found = []
     if (
         programme.poses is None
-        and turning.size
-        and np.abs(turning).max() <= 2 * np.pi
-        and np.ptp(turning) > 0
+        and revolute.size
+        and np.abs(revolute).max() <= 2 * np.pi
+        and np.ptp(revolute) > 0
     ):
         found.append(
-            f"{called}: no joint reading is beyond {np.abs(turning).max():.3g} deg; if these are radians, multiply "
+            f"{called}: no joint reading is beyond {np.abs(revolute).max():.3g} deg; if these are radians, multiply "
             "them by 57.29578."
         )
     if programme.poses is not None and np.abs(programme.poses[:, :3, 3]).max(initial=0) < 10:
@@ -232,9 +232,9 @@ def _home(robot):
 
 def _poses(table):
     place = np.stack([table.columns[name] for name in POINT], 1)
-    turn = np.stack([table.columns[name] for name in QUATERNION], 1)
-    size = np.linalg.norm(turn, axis=1)
-    for row, column in np.argwhere(~np.isfinite(np.column_stack([place, turn]))):
+    quaternions = np.stack([table.columns[name] for name in QUATERNION], 1)
+    size = np.linalg.norm(quaternions, axis=1)
+    for row, column in np.argwhere(~np.isfinite(np.column_stack([place, quaternions]))):
         where = table.where(row, (POINT + QUATERNION)[column])
         raise complaint(where, "a finite number", "another", "correct the pose")
     for row in np.flatnonzero(~(np.abs(size - 1) < 1e-2)):
@@ -246,7 +246,7 @@ def _poses(table):
         )
     from scipy.spatial.transform import Rotation
 
-    return transform(Rotation.from_quat(turn, scalar_first=True).as_matrix(), place)
+    return transform(Rotation.from_quat(quaternions, scalar_first=True).as_matrix(), place)
 
 
 def corrected_columns(

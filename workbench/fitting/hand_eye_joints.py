@@ -48,16 +48,16 @@ def _column_changes(recording):
     """Cause, words, advice, and columns with the mistake undone; single joints first."""
     columns = recording.columns
     names = joint_columns(columns)
-    turning = [name for name in names if name.endswith("_deg")]
+    revolute = [name for name in names if name.endswith("_deg")]
     for name in names:
         yield _signs(columns, (name,), f"column {name}")
     for a, b in combinations(names, 2):
         swapped = {a: columns[b], b: columns[a]}
         yield "joint-order", f"columns {a} and {b} look exchanged", "put them in order", swapped
-    yield from _unit_changes(columns, turning)
-    yield from _zero_changes(columns, turning)
-    if len(turning) > 2:
-        yield from _coupling_changes(columns, *turning[1:3])
+    yield from _unit_changes(columns, revolute)
+    yield from _zero_changes(columns, revolute)
+    if len(revolute) > 2:
+        yield from _coupling_changes(columns, *revolute[1:3])
     for a, b in combinations(names, 2):
         yield _signs(columns, (a, b), f"columns {a} and {b}")
     yield _signs(columns, tuple(names), "all joint columns")
@@ -69,8 +69,8 @@ def _signs(columns, names, called):
     return "joint-sign", f"{called} {verb} as if of the opposite sign", f"negate {called}", changed
 
 
-def _zero_changes(columns, turning):
-    for name in turning:
+def _zero_changes(columns, revolute):
+    for name in revolute:
         for offset in _OFFSETS_DEG:
             seems = f"the zero of column {name} looks displaced by {-offset:g} deg"
             joint = joint_number(name)
@@ -85,10 +85,10 @@ def _coupling_changes(columns, second, third):
         yield "coupled-joints", seems, "write coupled under joint 3 of the robot", changed
 
 
-def _unit_changes(columns, turning):
-    small = [name for name in turning if np.abs(columns[name]).max() < _TURN]
-    together = [tuple(turning)] if len(turning) > 1 else []
-    for names in [*((name,) for name in turning), *together]:
+def _unit_changes(columns, revolute):
+    small = [name for name in revolute if np.abs(columns[name]).max() < _TURN]
+    together = [tuple(revolute)] if len(revolute) > 1 else []
+    for names in [*((name,) for name in revolute), *together]:
         listed = names[0] if len(names) == 1 else "all joint columns"
         if set(names) <= set(small):
             yield (

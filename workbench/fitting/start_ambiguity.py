@@ -17,8 +17,8 @@ def ambiguity_sentence(robot, samples) -> str | None:
     found = measurement.system(forward(robot, robot.mixing @ samples.joints.T)).alternatives()
     if len(found) == 1:
         return None
-    turn = found[0].rotations[0].T @ found[1].rotations[0]
-    angle = np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+    relative = found[0].rotations[0].T @ found[1].rotations[0]
+    angle = np.rad2deg(np.arccos(np.clip((np.trace(relative) - 1) / 2, -1, 1)))
     bases = f"{len(found)} poses of the base, the first two {angle:.3g} deg apart,"
     return (
         f"recording '{samples.name}': {bases} fit the nominal arm equally well, and the samples do not tell which is "

@@ -176,10 +176,11 @@ def _repeats(inspection: Inspection):
             )
         )
     drawn.update_layout(barmode="overlay")
-    turn = (
+    angle = (
         "" if np.isnan(repeats.noise_deg) else f", {rounded(repeats.noise_deg)} deg about an axis"
     )
-    caption = f"Noise from repeats: {rounded(repeats.noise_mm)} mm (1 σ of a coordinate, pooled over the groups){turn}."
+    noise = f"{rounded(repeats.noise_mm)} mm (1 σ of a coordinate, pooled over the groups){angle}"
+    caption = f"Noise from repeats: {noise}."
     yield figure("repeats", drawn, caption)
 
 

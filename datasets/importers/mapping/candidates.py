@@ -107,23 +107,25 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
         if group.convention and stated_only
         else _conventions(group, table)
     )
-    turns: list[Turn] = []
+    candidates: list[Turn] = []
     seen: set[bytes] = set()
     for columns, convention in conventions:
         units = _rotation_units(group, table, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
-                turn = Turn(
+                candidate = Turn(
                     Group(tuple(columns), _in_order(unit, group, columns), convention, inverse)
                 )
                 try:
-                    key = _rounded(turn, table)
+                    key = _rounded(candidate, table)
                 except ValueError:
                     continue
                 if key not in seen:
                     seen.add(key)
-                    turns.append(turn)
-    return sorted(turns, key=lambda turn: (turn.group.inverse, turn.group.unit == "gon"))
+                    candidates.append(candidate)
+    return sorted(
+        candidates, key=lambda candidate: (candidate.group.inverse, candidate.group.unit == "gon")
+    )
 
 
 def _rotation_units(group: Group, table: RawTable, stated_only: bool) -> tuple[ColumnUnits, ...]:
@@ -138,18 +140,18 @@ def reordered_candidates(group: Group, table: RawTable) -> list[Turn]:
 
     They keep to the convention of the group where it states one.
     """
-    turns: dict[bytes, Turn] = {}
+    candidates: dict[bytes, Turn] = {}
     for columns in list(permutations(group.columns))[1:] if len(group.columns) < 5 else ():
         unit = _in_order(group.unit, group, columns)
-        for turn in rotation_candidates(replace(group, columns=columns, unit=unit), table):
-            turns.setdefault(_rounded(turn, table), turn)
-    return list(turns.values())
+        for candidate in rotation_candidates(replace(group, columns=columns, unit=unit), table):
+            candidates.setdefault(_rounded(candidate, table), candidate)
+    return list(candidates.values())
 
 
-def _rounded(turn: Turn, table: RawTable) -> bytes:
+def _rounded(candidate: Turn, table: RawTable) -> bytes:
     """The rotations of a reading, equal for readings that differ by rounding."""
     # adding 0 makes -0 and 0 the same bytes
-    return (np.round(turn.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
+    return (np.round(candidate.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
 
 
 def _in_order(unit: ColumnUnits, group: Group, columns: Sequence[str]) -> ColumnUnits:

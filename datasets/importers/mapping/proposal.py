@@ -69,8 +69,8 @@ def propose(
     joints = _joints_of(sets, table, stated)
     points = [one for one in sets if one.kind == "point"]
     point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
-    turns = [one for one in sets if one.kind in _TURNS]
-    rotation, flange_rotation = _rotations_of((point, flange_point), turns, table, stated)
+    rotations = [one for one in sets if one.kind in _TURNS]
+    rotation, flange_rotation = _rotations_of((point, flange_point), rotations, table, stated)
     axes = [one for one in sets if one.kind == "axis"]
     axis = None
     if rotation is None:
@@ -185,26 +185,26 @@ def _classified(points, joints, measured_elsewhere: bool, table: RawTable):
     return measured, _best(flange, table, "flange_point")
 
 
-def _is_of(turn: ColumnSet, flange_point: ColumnSet | None) -> bool:
+def _is_of(rotation_set: ColumnSet, flange_point: ColumnSet | None) -> bool:
     """Whether a rotation belongs to the flange's point: by the same words in front."""
-    if turn.is_flange and not turn.is_measured:
+    if rotation_set.is_flange and not rotation_set.is_measured:
         return True
-    return flange_point is not None and turn.words == flange_point.words
+    return flange_point is not None and rotation_set.words == flange_point.words
 
 
-def _rotations_of(points, turns: list[ColumnSet], table: RawTable, stated: Mapping):
+def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: Mapping):
     """The rotations of the measured point and of the flange's point `points`."""
     point, flange_point = points
     rotation = flange_rotation = None
     if stated.rotation is None:
-        free = [one for one in turns if not _is_of(one, flange_point)]
-        rotation = _turn_of(point, free, table, "rotation")
+        free = [one for one in rotations if not _is_of(one, flange_point)]
+        rotation = _rotation_of(point, free, table, "rotation")
     if stated.flange_rotation is None:
         named = () if stated.rotation is None else stated.rotation.columns
-        free = [one for one in turns if one is not rotation and not set(one.names) & set(named)]
-        flange_rotation = _turn_of(flange_point, free, table, "flange_rotation")
-    return rotation or _same_set(turns, stated.rotation), (
-        flange_rotation or _same_set(turns, stated.flange_rotation)
+        free = [one for one in rotations if one is not rotation and not set(one.names) & set(named)]
+        flange_rotation = _rotation_of(flange_point, free, table, "flange_rotation")
+    return rotation or _same_set(rotations, stated.rotation), (
+        flange_rotation or _same_set(rotations, stated.flange_rotation)
     )
 
 
@@ -213,14 +213,14 @@ def _same_set(sets: list[ColumnSet], group: Group | None) -> ColumnSet | None:
     return next((one for one in sets if group is not None and one.names == group.columns), None)
 
 
-def _turn_of(
-    point: ColumnSet | None, turns: list[ColumnSet], table: RawTable, quantity: str
+def _rotation_of(
+    point: ColumnSet | None, rotations: list[ColumnSet], table: RawTable, quantity: str
 ) -> ColumnSet | None:
     """The rotation that belongs to a point: the one with the same words, else the only one."""
     if point is None:
         return None
-    same = [one for one in turns if one.words == point.words]
-    same = same or [one for one in turns if one.words & point.words] or turns
+    same = [one for one in rotations if one.words == point.words]
+    same = same or [one for one in rotations if one.words & point.words] or rotations
     if len(same) > 1:  # the same rotation in two forms: the one that is no convention is preferred
         for kind in ("matrix", "quaternion", "vector"):
             chosen = [one for one in same if one.kind == kind and not one.is_nominal]

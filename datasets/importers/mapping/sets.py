@@ -153,12 +153,12 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
 
 def _give_scalar_part(kinds: dict[str, dict[str, Header]], table: RawTable) -> None:
     """Count q0 next to qx, qy and qz as the scalar part of the quaternion, not as the reading of a joint."""
-    turn, numbered = kinds.get("turn", {}), kinds.get("qindex", {})
+    components, numbered = kinds.get("turn", {}), kinds.get("qindex", {})
     scalar = numbered.get("0")
-    if scalar is None or "w" in turn or not all(axis in turn for axis in "xyz"):
+    if scalar is None or "w" in components or not all(axis in components for axis in "xyz"):
         return
-    if _has_length_1({"0": scalar, **{axis: turn[axis] for axis in "xyz"}}, table):
-        turn["w"] = numbered.pop("0")
+    if _has_length_1({"0": scalar, **{axis: components[axis] for axis in "xyz"}}, table):
+        components["w"] = numbered.pop("0")
 
 
 def _is_slurbt(words: Mapping) -> bool:
@@ -190,11 +190,11 @@ def _points(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
 def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
     """Quaternions, angles about axes, rotation vectors, matrices and axes of one object."""
     sets = []
-    turn = kinds.get("turn", {})
-    if all(axis in turn for axis in "wxyz"):
-        sets.append(_set("quaternion", [turn[axis] for axis in "wxyz"], "wxyz"))
-    elif all(axis in turn for axis in "xyz"):
-        sets.append(_set("angles", [turn[axis] for axis in "xyz"], "turn"))
+    components = kinds.get("turn", {})
+    if all(axis in components for axis in "wxyz"):
+        sets.append(_set("quaternion", [components[axis] for axis in "wxyz"], "wxyz"))
+    elif all(axis in components for axis in "xyz"):
+        sets.append(_set("angles", [components[axis] for axis in "xyz"], "turn"))
     parts = kinds.get("qpart", {})
     if all(name in parts for name in "rijk"):
         sets.append(_set("quaternion", [parts[name] for name in "rijk"], "wxyz"))
@@ -280,14 +280,14 @@ def _poses(components: Mapping[str, Header], table: RawTable) -> list[ColumnSet]
     if not is_rtde:
         return [point, _set("angles", ordered[3:], "pose")]
     # Universal Robots: actual_TCP_pose is in m and a rotation vector in rad
-    turn = _set("vector", ordered[3:], "rtde")
+    rotation = _set("vector", ordered[3:], "rtde")
     return [
         ColumnSet("point", point.names, point.words, "m", "rtde", point.is_nominal),
-        ColumnSet("vector", turn.names, turn.words, "rad", "rtde", turn.is_nominal),
+        ColumnSet("vector", rotation.names, rotation.words, "rad", "rtde", rotation.is_nominal),
     ]
 
 
 def _is_angle_first(headers: list[Header], table: RawTable) -> bool:
-    """Whether only the last three of six components exceed a full turn in degrees, so that they are the point."""
+    """Whether only the last three of six components exceed 360 deg, so that they are the point."""
     cells = np.stack([np.abs(table.numbers(header.name)) for header in headers])
     return bool(np.nanmax(cells[:3]) <= 360 < np.nanmax(cells[3:]))

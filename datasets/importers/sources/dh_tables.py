@@ -198,14 +198,14 @@ def _factors(table: RawTable, columns: Mapping[str, Header], values: Mapping) ->
 
 
 def _angle_factor(table: RawTable, header: Header, values, common: str | None) -> float:
-    """Degrees of one unit of an angle: stated, or from the numbers, which are quarter turns in most arms."""
+    """Degrees of one unit of an angle: stated, or from the numbers, which are multiples of 90 deg in most arms."""
     cells, has_pi = values
     if has_pi:
         return ANGLES["rad"]
     if header.unit in ANGLES or common is not None:
         return ANGLES.get(header.unit, ANGLES[common or "deg"])
     largest = np.abs(cells).max()
-    if 0 < largest < 2 * math.pi and _are_quarter_turns(cells, math.pi / 2):
+    if 0 < largest < 2 * math.pi and _are_right_angles(cells, math.pi / 2):
         return ANGLES["rad"]
     if largest == 0 or largest > 2 * math.pi:
         return 1.0
@@ -217,12 +217,12 @@ def _angle_factor(table: RawTable, header: Header, values, common: str | None) -
     )
 
 
-def _are_quarter_turns(values: np.ndarray, quarter: float) -> bool:
+def _are_right_angles(values: np.ndarray, quarter: float) -> bool:
     return bool(np.abs(values / quarter - np.round(values / quarter)).max() < 1e-3)
 
 
 def _tidy(key: str, value: float) -> float:
-    """A number without the rounding of its conversion; what is a quarter turn within that becomes one."""
+    """A number without the rounding of its conversion; what is a multiple of 90 deg within that becomes one."""
     quarter = 90.0 * round(value / 90.0)
     if key.endswith("_deg") and abs(value - quarter) < _ROUNDED_DEG:
         return quarter

@@ -180,12 +180,12 @@ def _matrices(maker: str, path: Path, rows: Sequence[_Position]) -> np.ndarray:
     poses[:, :3, 3] = values[:, :3]
     if maker == "ABB":
         _check_quaternions(path, rows, values[:, 3:])
-        turns = Rotation.from_quat(values[:, 3:], scalar_first=True)
+        rotations = Rotation.from_quat(values[:, 3:], scalar_first=True)
     else:
-        turns = Rotation.from_euler(
+        rotations = Rotation.from_euler(
             "ZYX" if maker == "KUKA" else "xyz", values[:, 3:], degrees=True
         )
-    poses[:, :3, :3] = turns.as_matrix()
+    poses[:, :3, :3] = rotations.as_matrix()
     return poses
 
 

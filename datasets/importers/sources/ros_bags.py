@@ -156,9 +156,12 @@ def _prefixed(called: str, name: str) -> str:
 def _pose_row(pose) -> dict[str, float]:
     """Columns of a Pose or Transform message."""
     place = pose.position if hasattr(pose, "position") else pose.translation
-    turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
+    orientation = pose.orientation if hasattr(pose, "orientation") else pose.rotation
     return dict(
-        zip((*_XYZ, *_QUATERNION), (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w))
+        zip(
+            (*_XYZ, *_QUATERNION),
+            (place.x, place.y, place.z, orientation.x, orientation.y, orientation.z, orientation.w),
+        )
     )
 
 

@@ -66,7 +66,7 @@ def _composed(parts: Sequence[np.ndarray], path: Sequence[Edge], moving) -> np.n
         nearest = np.abs(rows[:, :1] - times).argmin(0)
         if edge in moving:
             is_known &= np.abs(rows[nearest, 0] - times) <= _GAP_S
-        turns = Rotation.from_quat(rows[nearest, 4:]).as_matrix()
-        poses = poses @ transform(turns, rows[nearest, 1:4])
+        rotations = Rotation.from_quat(rows[nearest, 4:]).as_matrix()
+        poses = poses @ transform(rotations, rows[nearest, 1:4])
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     return np.column_stack([times, poses[:, :3, 3], quaternions])[is_known]

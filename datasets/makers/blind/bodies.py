@@ -99,8 +99,8 @@ def tool_deflection(rng, world):
     soft = np.diag(rng.permutation([1.0, rng.uniform(0.3, 0.7), rng.uniform(0.0, 0.3)]))
 
     def act(s):
-        turn = world.flange(Perturbation())[:, :3, :3]
-        return Perturbation(tip=s * np.einsum("nji,j->ni", turn, [0.0, 0.0, -1.0]) @ soft)
+        rotation = world.flange(Perturbation())[:, :3, :3]
+        return Perturbation(tip=s * np.einsum("nji,j->ni", rotation, [0.0, 0.0, -1.0]) @ soft)
 
     return PlantedEffect("tool-deflection", "tool", act, 0.05, 1.5, "mm")
 

@@ -76,8 +76,8 @@ def _bodies(rows, rng) -> list[dict]:
 
 def _half_way(row) -> np.ndarray:
     """(3,) mm: the middle of the link in the frame at its end."""
-    turn = Rotation.from_euler("X", row["alpha_deg"], degrees=True).as_matrix()
-    return -turn.T @ np.array([row["a_mm"], 0.0, row["d_mm"]]) / 2
+    rotation = Rotation.from_euler("X", row["alpha_deg"], degrees=True).as_matrix()
+    return -rotation.T @ np.array([row["a_mm"], 0.0, row["d_mm"]]) / 2
 
 
 def _rounded(numbers) -> list[float]:

@@ -107,8 +107,8 @@ def _carried(twist, flange) -> np.ndarray:
     """The flange on a base that moved by (n, 6) mm and rad."""
     if not twist.any():
         return flange
-    turn = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
+    rotation = Rotation.from_rotvec(twist[:, 3:]).as_matrix()
     moved = flange.copy()
-    moved[:, :3, :3] = turn @ flange[:, :3, :3]
-    moved[:, :3, 3] = np.einsum("nij,nj->ni", turn, flange[:, :3, 3]) + twist[:, :3]
+    moved[:, :3, :3] = rotation @ flange[:, :3, :3]
+    moved[:, :3, 3] = np.einsum("nij,nj->ni", rotation, flange[:, :3, 3]) + twist[:, :3]
     return moved

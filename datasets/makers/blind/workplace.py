@@ -149,10 +149,13 @@ def _balls(rng) -> np.ndarray:
 def _reflectors(rng) -> np.ndarray:
     """(R, 3) mm: one to three reflectors on the tool, well off the last axis."""
     count = int(rng.choice([1, 1, 2, 3]))
-    turn = 2 * np.pi * (np.arange(count) / count + rng.random())
+    azimuth = 2 * np.pi * (np.arange(count) / count + rng.random())
     off = rng.uniform(50, 130, count)
     return np.round(
-        np.column_stack([off * np.cos(turn), off * np.sin(turn), rng.uniform(20, 160, count)]), 3
+        np.column_stack(
+            [off * np.cos(azimuth), off * np.sin(azimuth), rng.uniform(20, 160, count)]
+        ),
+        3,
     )
 
 

@@ -57,8 +57,8 @@ def outer_frame(opened: Opened) -> np.ndarray | None:
     pose = _values(opened, "base")
     if pose is None:
         return None
-    turn = rotation_matrix(pose[3:])
-    return transform(turn.T, -turn.T @ pose[:3])
+    rotation = rotation_matrix(pose[3:])
+    return transform(rotation.T, -rotation.T @ pose[:3])
 
 
 _LOOKED_AT = 200

@@ -53,12 +53,12 @@ class _View:
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         self.eye = eye
-        self.turn = np.stack([right, np.cross(back, right), back])
+        self.rotation = np.stack([right, np.cross(back, right), back])
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """(2, n) positions in the image of points (3, n) mm; y points down."""
         share = (points - self.low[:, None]) / (self.high - self.low)[:, None]
-        seen = self.turn @ ((share - 0.5) * self.ratio[:, None] - self.eye[:, None])
+        seen = self.rotation @ ((share - 0.5) * self.ratio[:, None] - self.eye[:, None])
         scale = HEIGHT / 2 / np.tan(_FIELD_RAD / 2)
         return scale * np.stack([seen[0], -seen[1]]) / -seen[2]
 

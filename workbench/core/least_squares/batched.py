@@ -75,9 +75,13 @@ def forward_kinematics(arm: Arm, variables, base: np.ndarray) -> ArmFrames:
     axes, points = [], []
     for k in range(len(arm.geometry)):
         theta, d, a, alpha, beta = tensor(arm.geometry[k])
-        turn, shift = (theta, d + variables[k]) if arm.prismatic[k] else (theta + variables[k], d)
+        joint_angle, shift = (
+            (theta, d + variables[k]) if arm.prismatic[k] else (theta + variables[k], d)
+        )
         step = _distal if arm.convention == "distal" else _craig
-        frame, origin, own_axes, own_points = step(frame, origin, turn, shift, a, alpha, beta)
+        frame, origin, own_axes, own_points = step(
+            frame, origin, joint_angle, shift, a, alpha, beta
+        )
         axes.append(torch.stack(own_axes))
         points.append(torch.stack(own_points))
     flange = tensor(arm.flange)
@@ -86,28 +90,28 @@ def forward_kinematics(arm: Arm, variables, base: np.ndarray) -> ArmFrames:
     return ArmFrames(torch.stack(axes), torch.stack(points), end, origin)
 
 
-def _distal(frame, origin, turn, shift, a, alpha, beta):
+def _distal(frame, origin, joint_angle, shift, a, alpha, beta):
     z, first = frame[2], origin
-    frame = _turned(frame, 2, turn)
+    frame = _rotated(frame, 2, joint_angle)
     origin = origin + frame[2] * shift + frame[0] * a
     x = frame[0]
-    frame = _turned(frame, 0, alpha)
+    frame = _rotated(frame, 0, alpha)
     y = frame[1]
-    return _turned(frame, 1, beta), origin, (z, z, x, x, y), (first, first, origin, origin, origin)
+    return _rotated(frame, 1, beta), origin, (z, z, x, x, y), (first, first, origin, origin, origin)
 
 
-def _craig(frame, origin, turn, shift, a, alpha, beta):
+def _craig(frame, origin, joint_angle, shift, a, alpha, beta):
     y, first = frame[1], origin
-    frame = _turned(frame, 1, beta)
+    frame = _rotated(frame, 1, beta)
     x = frame[0]
-    frame = _turned(frame, 0, alpha)
+    frame = _rotated(frame, 0, alpha)
     origin = origin + frame[0] * a
     z, second = frame[2], origin
-    frame = _turned(frame, 2, turn)
+    frame = _rotated(frame, 2, joint_angle)
     return frame, origin + frame[2] * shift, (z, z, x, x, y), (second, second, first, first, first)
 
 
-def _turned(frame, about, angle):
+def _rotated(frame, about, angle):
     """The frame times an elementary rotation about one of its axes."""
     i = (about + 1) % 3
     j = (about + 2) % 3
@@ -123,7 +127,7 @@ def derivative(
 ):
     """Point (3, n) and its derivative (6 + 5 J + 3 R + B, 3, n).
 
-    tool (R, 3): points on the flange; index (n,) which of them. Columns: shift and small turn of the base about the
+    tool (R, 3): points on the flange; index (n,) which of them. Columns: shift and small rotation of the base about the
     world's axes through the base's origin, geometry joint by joint, the points, and each of `bent`, pairs of a joint
     and its basis as a tensor.
     """

@@ -59,12 +59,12 @@ def program_text(program: Program, language: str) -> str:
             f"--out {program.name}: expected a file name that is a program name (a letter, then letters, digits and _, "
             "24 at most), found another; rename it"
         )
-    turning = program.axes_deg.shape[1]
+    revolute = program.axes_deg.shape[1]
     slides = program.external_mm.shape[1]
-    if turning != _AXES or slides > _MOST_EXTERNAL:
+    if revolute != _AXES or slides > _MOST_EXTERNAL:
         raise InputError(
             f"--to {language}: expected an arm with six joints that turn, and at most six linear axes, found "
-            f"{turning} and {slides}; take corrected.csv of `workbench compensate`"
+            f"{revolute} and {slides}; take corrected.csv of `workbench compensate`"
         )
     if slides and language == "urscript":
         raise InputError(
@@ -111,8 +111,8 @@ def _krl(program: Program) -> str:
     head += ["BAS(#INITMOV, 0)", "BAS(#VEL_PTP, 10)", "BAS(#ACC_PTP, 10)"]
     moves = []
     kind = "E6AXIS" if any(program.slides) else "AXIS"
-    for turning, external in zip(program.axes_deg, program.external_mm):
-        axes = [f"A{k} {value:.7f}" for k, value in enumerate(turning, 1)]
+    for revolute, external in zip(program.axes_deg, program.external_mm):
+        axes = [f"A{k} {value:.7f}" for k, value in enumerate(revolute, 1)]
         axes += [f"E{k} {value:.9f}" for k, value in enumerate(external, 1)]
         moves.append(f"PTP {{{kind}: {', '.join(axes)}}}")
     return "\n".join([*head, *moves, "END", ""])
@@ -122,10 +122,12 @@ def _rapid(program: Program) -> str:
     head = [f"MODULE {program.name}"]
     head += [f"  ! {line}" for line in program.remarks]
     targets, moves = [], []
-    for k, (turning, slides) in enumerate(zip(program.axes_deg, program.external_mm), 1):
+    for k, (revolute, slides) in enumerate(zip(program.axes_deg, program.external_mm), 1):
         used = [f"{value:.9f}" for value in slides]
         external = ", ".join([*used, *["9E9"] * (_MOST_EXTERNAL - len(used))])
-        targets.append(f"  CONST jointtarget target{k} := [[{_joined(turning, 7)}], [{external}]];")
+        targets.append(
+            f"  CONST jointtarget target{k} := [[{_joined(revolute, 7)}], [{external}]];"
+        )
         moves.append(f"    MoveAbsJ target{k}, v100, fine, tool0;")
     body = ["", "  PROC main()", *moves, "  ENDPROC", "ENDMODULE", ""]
     return "\n".join([*head, *targets, *body])

@@ -145,7 +145,9 @@ def _joint(root, robot, k, links, origin, sign):
 
 def _between(joint, parent, child, origin):
     place = " ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3)
-    turn = " ".join(repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz"))
-    ET.SubElement(joint, "origin", xyz=place, rpy=turn)
+    rotation = " ".join(
+        repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")
+    )
+    ET.SubElement(joint, "origin", xyz=place, rpy=rotation)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)

@@ -141,12 +141,12 @@ def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
     here, links_placed = arm.robot.base, []
     for k in range(arm.robot.joints):
         here = here @ before[k]
-        links_placed.append(here @ _turned(geometry[k, 0]))
+        links_placed.append(here @ _joint_rotation(geometry[k, 0]))
         here = here @ after[k]
     return [*links_placed, here @ arm.robot.flange]
 
 
-def _turned(theta: float) -> np.ndarray:
+def _joint_rotation(theta: float) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec([0, 0, theta]).as_matrix()
     return matrix

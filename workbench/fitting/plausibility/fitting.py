@@ -312,8 +312,10 @@ class _Problem:
         best_rows = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
         inflation = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
         position = float(np.sqrt((self.residual[:POSITION, best_rows] ** 2).sum(0).mean()))
-        turns = self.residual[POSITION:, best_rows] / self.lever
-        rotation = float(np.rad2deg(np.sqrt((turns**2).sum(0).mean()))) if len(turns) else np.nan
+        rotations = self.residual[POSITION:, best_rows] / self.lever
+        rotation = (
+            float(np.rad2deg(np.sqrt((rotations**2).sum(0).mean()))) if len(rotations) else np.nan
+        )
         core = float(np.median(mismatch) / np.sqrt(MEDIAN_CHI2[m] / m))
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])

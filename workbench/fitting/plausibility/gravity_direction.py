@@ -138,8 +138,8 @@ def _estimated(deflections: "_Deflections") -> np.ndarray:
     across = np.linalg.svd(start[None])[2][1:]
 
     def at(tilt):
-        turned = start + tilt @ across
-        return turned / np.linalg.norm(turned)
+        rotated = start + tilt @ across
+        return rotated / np.linalg.norm(rotated)
 
     found = minimize(lambda tilt: deflections.squares(at(tilt)), np.zeros(2), method="Nelder-Mead")
     return at(found.x)
@@ -268,14 +268,14 @@ def _unit_loads(chain) -> np.ndarray:
     Torques of the stated masses, N m; where the links have none, those of uniform bars in units of the largest one, and
     those of a load that is known.
     """
-    state, turns = chain.state, ~chain.robot.prismatic[:, None]
+    state, is_revolute = chain.state, ~chain.robot.prismatic[:, None]
     levers = (state.link_levers.torque + state.load_levers.torque).swapaxes(0, 1)
     levers = chain.robot.drive_torque(levers)
-    stated = np.where(turns, levers, 0.0)
+    stated = np.where(is_revolute, levers, 0.0)
     if chain.robot.mass.any():
         return stated
     bars = [_bar_torques(replace(state, gravity=axis)) for axis in np.eye(3)]
-    return np.concatenate([np.where(turns, bars, 0.0), stated], axis=1)
+    return np.concatenate([np.where(is_revolute, bars, 0.0), stated], axis=1)
 
 
 def _bar_torques(state) -> np.ndarray:

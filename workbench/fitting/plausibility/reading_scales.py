@@ -173,8 +173,8 @@ class _Linear:
         root *= np.sqrt(len(fit.residual)) / size
 
         def white(values):
-            turns = lever * values[..., POSITION:, :]
-            return np.concatenate([values[..., :POSITION, :], turns], -2) * root
+            rotations = lever * values[..., POSITION:, :]
+            return np.concatenate([values[..., :POSITION, :], rotations], -2) * root
 
         prior = geometry_prior(robot, recording, parameters)[parameters.mask]
         baseline = white(rows).reshape(len(rows), -1)

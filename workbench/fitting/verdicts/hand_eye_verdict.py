@@ -171,8 +171,8 @@ def flange_error_words(robot_sigma) -> str:
     Position and rotation are estimated jointly. Where neither is distinguishable from zero although the board scatters,
     the poses do not separate them.
     """
-    place, turn = flange_errors(robot_sigma)
-    if not (place or turn):
+    place, rotation = flange_errors(robot_sigma)
+    if not (place or rotation):
         at_board = math.sqrt(3) * robot_sigma["position_mm"]
         return (
             f"position and rotation errors are not separable in these poses; together they displace the board by "
@@ -184,22 +184,22 @@ def flange_error_words(robot_sigma) -> str:
     if not place:
         limit = math.sqrt(2) * std  # two standard deviations of the variance
         position = f"no position error that is distinguishable from zero (less than {limit:.2g} mm)"
-    return f"estimated RMS errors are {position} and {rotation_error_words(place, turn)}"
+    return f"estimated RMS errors are {position} and {rotation_error_words(place, rotation)}"
 
 
-def rotation_error_words(place: float, turn: float) -> str:
+def rotation_error_words(place: float, rotation: float) -> str:
     """The RMS rotation error (deg) of flange poses whose position error is `place` (mm), in words.
 
     A variance that is estimated at its lower bound says no more than that rotations explain nothing beyond positions.
     """
-    if not is_rotation_seen(place, turn):
+    if not is_rotation_seen(place, rotation):
         return "no rotation error that is distinguishable from zero"
-    return f"{turn:.2g} deg (angle of the rotation)"
+    return f"{rotation:.2g} deg (angle of the rotation)"
 
 
-def is_rotation_seen(place: float, turn: float) -> bool:
+def is_rotation_seen(place: float, rotation: float) -> bool:
     """Whether a rotation error (deg) displaces a point 200 mm away by more than 3 % of `place` (mm)."""
-    return LEVER_MM * math.radians(turn) > _NEGLIGIBLE * place
+    return LEVER_MM * math.radians(rotation) > _NEGLIGIBLE * place
 
 
 def flange_errors(robot_sigma) -> tuple[float, float | None]:
@@ -210,8 +210,8 @@ def flange_errors(robot_sigma) -> tuple[float, float | None]:
     zero.
     """
     place = robot_sigma.get("flange_position_mm", robot_sigma["position_mm"])
-    turn = robot_sigma.get("flange_rotation_deg", robot_sigma.get("rotation_deg"))
-    return math.sqrt(3) * place, None if turn is None else math.sqrt(3) * turn
+    rotation = robot_sigma.get("flange_rotation_deg", robot_sigma.get("rotation_deg"))
+    return math.sqrt(3) * place, None if rotation is None else math.sqrt(3) * rotation
 
 
 def _profiles(hand_eye: HandEye, tolerances) -> Verdict:

@@ -76,10 +76,10 @@ def motions_of(
     progress: Callable[[str], None],
 ) -> Motions:
     """What joins the scans `groups` of a recording. Raises InputError where something that they need is missing."""
-    turned = [name for name, rows in groups.items() if is_on_turntable(rows)]
+    on_turntable = [name for name, rows in groups.items() if is_on_turntable(rows)]
     moved = [name for name, rows in groups.items() if is_moved_by_robot(rows)]
-    for name in turned:
-        _check_turned(recording, name, groups[name], scanner)
+    for name in on_turntable:
+        _check_turntable(recording, name, groups[name], scanner)
     if not moved:
         _check_unused(recording, hand_eye_file)
         return Motions(recording, table=scanner.turntable)
@@ -99,7 +99,7 @@ def _check_unused(recording, hand_eye_file) -> None:
         )
 
 
-def _check_turned(recording, name, rows, scanner: Scanner) -> None:
+def _check_turntable(recording, name, rows, scanner: Scanner) -> None:
     called = f"{recording.name}, images.csv, scan {name}, column {TABLE}"
     if not all(TABLE in row for row in rows):
         raise InputError(

@@ -130,16 +130,16 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
     from workbench.recordings.importing.board_images.reading_fits import agreeing_labels
 
     seen = []
-    for turn in range(board.rotational_symmetry):
-        labelled = [relabelled(view, board, turn) for view in views]
+    for rotation in range(board.rotational_symmetry):
+        labelled = [relabelled(view, board, rotation) for view in views]
         poses = [
             board_poses(board.points[:, v.index], v.pixels, np.zeros(len(v.index), int), camera)[0]
             for v in labelled
         ]
         seen.append(poses)
     seen = np.array(seen)
-    turns = np.swapaxes(seen[..., :3, :3], -1, -2) if kind == "in-hand" else seen[..., :3, :3]
-    chosen = agreeing_labels(turns, flange[:, :3, :3])
+    rotations = np.swapaxes(seen[..., :3, :3], -1, -2) if kind == "in-hand" else seen[..., :3, :3]
+    chosen = agreeing_labels(rotations, flange[:, :3, :3])
     return seen[chosen, np.arange(len(views))]
 
 

@@ -68,9 +68,9 @@ def _rotation_noise(moving: Recording, members, degrees: int) -> float:
     from scipy.spatial.transform import Rotation
 
     quaternions = np.stack([moving.columns[f"q{c}"] for c in "xyzw"], axis=1)
-    turns = Rotation.from_quat(quaternions).as_matrix()
+    rotations = Rotation.from_quat(quaternions).as_matrix()
     total = 0.0
     for mine in members:
-        mean = nearest_rotation(turns[mine].mean(0))
-        total += float((Rotation.from_matrix(mean.T @ turns[mine]).magnitude() ** 2).sum())
+        mean = nearest_rotation(rotations[mine].mean(0))
+        total += float((Rotation.from_matrix(mean.T @ rotations[mine]).magnitude() ** 2).sum())
     return float(np.rad2deg(np.sqrt(total / (3 * degrees))))

@@ -80,25 +80,25 @@ class TrueArm:
 
     def _with_noise(self, readings, rng, gap: Gap, sigma_mm: float) -> np.ndarray:
         noise = sigma_mm * rng.normal(size=gap(*self.flange(readings)).shape)
-        return self.solved(readings, lambda turn, origin: gap(turn, origin) - noise)[0]
+        return self.solved(readings, lambda rotation, origin: gap(rotation, origin) - noise)[0]
 
 
 def touching_point(tip: np.ndarray, point: np.ndarray) -> Gap:
     """The tip (3,) in the flange frame is at a point (3,) of the base frame."""
-    return lambda turn, origin: ((turn @ tip + origin) - point).T
+    return lambda rotation, origin: ((rotation @ tip + origin) - point).T
 
 
 def touching_plane(tip: np.ndarray, normal: np.ndarray, offset: float) -> Gap:
     """The tip is on the plane normal . x = offset of the base frame."""
-    return lambda turn, origin: ((turn @ tip + origin) @ normal - offset)[None]
+    return lambda rotation, origin: ((rotation @ tip + origin) @ normal - offset)[None]
 
 
 def beam_through(beam: tuple[np.ndarray, np.ndarray], point: np.ndarray) -> Gap:
     """A beam (origin (3,), axes (3, 3) with z along it) of the flange passes through a point of the base frame."""
     start, axes = beam
 
-    def gap(turn, origin):
-        in_flange = np.einsum("nji,nj->ni", turn, point - origin) - start
+    def gap(rotation, origin):
+        in_flange = np.einsum("nji,nj->ni", rotation, point - origin) - start
         return (in_flange @ axes[:, :2]).T
 
     return gap

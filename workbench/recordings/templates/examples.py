@@ -75,8 +75,8 @@ def external_pose(robot: Mapping) -> Recording:
 def partial_pose(robot: Mapping) -> Recording:
     """30 poses of a target of which a point and one axis are measured."""
     recording = _simulated(robot, _EXTERNAL.format(measures="external-pose", samples=30))
-    turns = Rotation.from_quat(np.stack([recording.columns[f"q{c}"] for c in "xyzw"], axis=1))
-    axis = turns.as_matrix()[:, :, 0]
+    rotations = Rotation.from_quat(np.stack([recording.columns[f"q{c}"] for c in "xyzw"], axis=1))
+    axis = rotations.as_matrix()[:, :, 0]
     recording = _without(recording, "reflector", "qw", "qx", "qy", "qz")
     columns = {**recording.columns, **dict(zip(("nx", "ny", "nz"), axis.T))}
     return replace(recording, measures="partial-pose", columns=columns)

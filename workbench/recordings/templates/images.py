@@ -69,10 +69,10 @@ def board_images(folder: Path, progress) -> Recording:
     flange = _BOARD @ inverse(boards) @ inverse(_HAND_EYE)
     noise = np.random.default_rng(1).normal(size=(len(flange), 3))
     places = flange[:, :3, 3] + _POSE_SIGMA_MM * noise
-    turns = Rotation.from_matrix(flange[:, :3, :3]).as_quat(canonical=True)
+    rotations = Rotation.from_matrix(flange[:, :3, :3]).as_quat(canonical=True)
     names = [f"flange_{name}" for name in ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")]
     columns = {"sample": np.arange(1.0, len(flange) + 1)}
-    columns |= dict(zip(names, (*places.T.round(4), *turns.T[[3, 0, 1, 2]].round(8))))
+    columns |= dict(zip(names, (*places.T.round(4), *rotations.T[[3, 0, 1, 2]].round(8))))
     rendered = read_recording(folder)
     images = [
         {"image": row["image"], "role": "board", "sample": number}

@@ -27,15 +27,15 @@ _POSE_SIGMA_MM = 0.02
 _WIDTH_MM = 0.08
 
 
-def _turn(*degrees: float) -> np.ndarray:
+def _rotation(*degrees: float) -> np.ndarray:
     return Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
 
 
-HAND_EYE = transform(_turn(3.0, -6.0, 75.0), np.array([40.0, -25.0, 95.0]))
+HAND_EYE = transform(_rotation(3.0, -6.0, 75.0), np.array([40.0, -25.0, 95.0]))
 """T_flange_sensor of the examples, mm."""
-_BOARD = transform(_turn(178.0, 2.0, 15.0), np.array([560.0, 40.0, 60.0]))
-_ARTEFACT = transform(_turn(0.0, 0.0, 8.0), np.array([540.0, -60.0, 80.0]))
-_TABLE = transform(_turn(-128.0, 4.0, 0.0), np.array([1.0, 6.0, 128.0]))
+_BOARD = transform(_rotation(178.0, 2.0, 15.0), np.array([560.0, 40.0, 60.0]))
+_ARTEFACT = transform(_rotation(0.0, 0.0, 8.0), np.array([540.0, -60.0, 80.0]))
+_TABLE = transform(_rotation(-128.0, 4.0, 0.0), np.array([1.0, 6.0, 128.0]))
 """T_camera_table at angle zero; z is the axis."""
 
 
@@ -112,8 +112,8 @@ def _on_robot(scene: Scene, sensor: np.ndarray, scans: list[int], folder, progre
 def flange_columns(flange: np.ndarray, rng, sigma_mm: float = _POSE_SIGMA_MM) -> dict:
     """Columns of samples.csv of flange poses (n, 4, 4) with a random error of their position."""
     places = flange[:, :3, 3] + sigma_mm * rng.normal(size=(len(flange), 3))
-    turns = Rotation.from_matrix(flange[:, :3, :3]).as_quat(canonical=True)
-    return dict(zip(_FLANGE, (*places.T.round(4), *turns.T[[3, 0, 1, 2]].round(8))))
+    rotations = Rotation.from_matrix(flange[:, :3, :3]).as_quat(canonical=True)
+    return dict(zip(_FLANGE, (*places.T.round(4), *rotations.T[[3, 0, 1, 2]].round(8))))
 
 
 def _in_base() -> dict[int, np.ndarray]:
@@ -123,9 +123,9 @@ def _in_base() -> dict[int, np.ndarray]:
 
 def _looking_at(middle: np.ndarray, *degrees: float) -> np.ndarray:
     """(4, 4) T_base_sensor of a sensor above a point (3,) of the artefact, tilted by angles about x, y, z."""
-    turn = _turn(180.0, 0.0, 0.0) @ _turn(*degrees)
+    rotation = _rotation(180.0, 0.0, 0.0) @ _rotation(*degrees)
     target = _ARTEFACT[:3, :3] @ middle + _ARTEFACT[:3, 3]
-    return transform(turn, target - turn @ np.array([0.0, 0.0, _AIM_MM]))
+    return transform(rotation, target - rotation @ np.array([0.0, 0.0, _AIM_MM]))
 
 
 def _fixed_plane(folder: Path, progress, seed: int) -> Example:
@@ -173,7 +173,7 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
     of_boards = np.arange(0.0, 360.0, 15.0)
     of_scan = np.arange(0.0, 360.0, 5.0)
 
-    def turned(commanded: np.ndarray) -> np.ndarray:
+    def table_poses(commanded: np.ndarray) -> np.ndarray:
         errors = step_error * np.sin(np.deg2rad(commanded) + 0.7)
         angle = np.deg2rad(commanded + errors + jitter * rng.normal(size=len(commanded)))
         return _TABLE @ transform(
@@ -181,10 +181,12 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
         )
 
     middle = scene.board.pattern.middle
-    lying = transform(_turn(180.0, 0.0, 0.0), np.array([-middle[0] + 2.0, middle[1] - 1.0, 0.0]))
-    boards = np.concatenate([poses, turned(of_boards) @ lying])
+    lying = transform(
+        _rotation(180.0, 0.0, 0.0), np.array([-middle[0] + 2.0, middle[1] - 1.0, 0.0])
+    )
+    boards = np.concatenate([poses, table_poses(of_boards) @ lying])
     stations = Stations(
-        inverse(turned(of_scan)),
+        inverse(table_poses(of_scan)),
         {},
         boards=boards,
         rows=tuple({"scan": 1, "table_deg": float(angle)} for angle in of_scan),
@@ -208,10 +210,10 @@ _SPHERE = np.array([620.0, -40.0, 210.0])
 def _views_of_ball(count: int, rng, distance: float) -> np.ndarray:
     """(count, 4, 4) T_base_sensor that look at the ball from many sides."""
     tilts = Rotation.from_euler("xyz", rng.uniform(-35, 35, (count, 3)), degrees=True).as_matrix()
-    turns = _turn(180.0, 0.0, 0.0) @ tilts
+    rotations = _rotation(180.0, 0.0, 0.0) @ tilts
     aside = np.stack([rng.uniform(-12, 12, count), np.zeros(count), rng.uniform(-8, 8, count)], 1)
     inside = aside + [0.0, 0.0, distance]
-    return transform(turns, _SPHERE - np.einsum("nij,nj->ni", turns, inside))
+    return transform(rotations, _SPHERE - np.einsum("nij,nj->ni", rotations, inside))
 
 
 def _surface_recording(folder: Path, sensor, points, title: str, rng) -> Recording:

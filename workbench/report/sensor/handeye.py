@@ -103,9 +103,9 @@ def _numbers(hand_eye):
 
 def _flange_sentence(spread) -> str:
     """RMS errors of the flange poses, 3-D like all other errors of the page."""
-    place, turn = flange_errors(spread)
+    place, rotation = flange_errors(spread)
     start = "The flange poses are modelled with random errors"
-    if turn is not None:
+    if rotation is not None:
         return f"{start}; their {flange_error_words(spread)}."
     return f"{start}; estimated RMS 3-D position error: {rounded(place)} mm{_of_radius(spread)}."
 
@@ -145,8 +145,8 @@ def _poses(run):
         "predicted from the other "
         "poses. Orange: excluded as an outlier.",
     )
-    place, turn = flange_errors(hand_eye.robot_sigma)
-    is_seen = turn is not None and is_rotation_seen(place, turn)
+    place, rotation = flange_errors(hand_eye.robot_sigma)
+    is_seen = rotation is not None and is_rotation_seen(place, rotation)
     rows = [
         (
             name,

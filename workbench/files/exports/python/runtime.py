@@ -298,17 +298,17 @@ def _is_near(values, ends, least):
 def _size(error) -> np.ndarray:
     """(n,) mm: the larger of the shift and of the rotation at a lever's length."""
     shift = np.sqrt((error[:3] ** 2).sum(0))
-    turn = np.sqrt((error[3:] ** 2).sum(0))
-    return np.maximum(shift, _LEVER_MM * turn)
+    rotation = np.sqrt((error[3:] ** 2).sum(0))
+    return np.maximum(shift, _LEVER_MM * rotation)
 
 
 def _joint_step(robot, frames, error) -> np.ndarray:
     """(J, n) change of the joint variables that makes the error: damped least squares on the geometric Jacobian."""
     axes = frames.z
     lever = frames.end_origin - frames.z_origin
-    turned = np.cross(axes, lever, axis=1)
+    by_rotation = np.cross(axes, lever, axis=1)
     slides = robot.prismatic[:, None, None]
-    moved = np.where(slides, axes, turned)
+    moved = np.where(slides, axes, by_rotation)
     rotated = np.where(slides, 0.0, axes) * _LEVER_MM
     jacobian = np.concatenate([moved, rotated], 1).transpose(2, 1, 0)
     scaled = error * np.array([1.0, 1, 1, _LEVER_MM, _LEVER_MM, _LEVER_MM])[:, None]

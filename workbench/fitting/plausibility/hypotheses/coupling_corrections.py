@@ -22,9 +22,9 @@ def coupling_corrections(robot) -> Iterator[Correction]:
     """Every other whole ratio by which the reading of an earlier revolute joint moves a later one."""
     if robot.mixing.shape != (robot.joints,) * 2:
         return  # mimic joints of a URDF state their couplings
-    turning = np.flatnonzero(~robot.prismatic)
-    for joint in turning:
-        for other in turning[turning < joint]:
+    revolute = np.flatnonzero(~robot.prismatic)
+    for joint in revolute:
+        for other in revolute[revolute < joint]:
             stated = robot.mixing[joint, other]
             for ratio in _RATIOS:
                 if abs(ratio - stated) > _SAME:

@@ -96,12 +96,12 @@ def sign_correction(names, parts: int | None = None) -> Correction:
 
 
 def _units(recording, joints):
-    turning = revolute_columns(recording)
+    revolute = revolute_columns(recording)
     for unit, factor in ANGLE_UNITS.items():
-        fitting = [name for name in turning if _could_hold(recording, name, factor)]
+        fitting = [name for name in revolute if _could_hold(recording, name, factor)]
         yield from (_unit((name,), unit, factor) for name in fitting)
-        if len(turning) > 1 and (len(fitting) == len(turning)):
-            yield _unit(tuple(turning), unit, factor, parts=1)
+        if len(revolute) > 1 and (len(fitting) == len(revolute)):
+            yield _unit(tuple(revolute), unit, factor, parts=1)
     for unit, factor in _LENGTH_UNITS.items():
         yield from (_unit((name,), unit, factor) for name in joints if name.endswith("_mm"))
 
@@ -130,8 +130,8 @@ def _unit(names, unit, factor, parts=None) -> Correction:
     )
 
 
-def _offsets(turning):
-    for name in turning:
+def _offsets(revolute):
+    for name in revolute:
         for offset in _OFFSETS:
             yield column_correction(
                 "joint-offset",

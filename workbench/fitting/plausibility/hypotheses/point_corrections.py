@@ -156,9 +156,9 @@ def _inverse_pose() -> Correction:
 def _inverted(columns):
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.from_quat(np.stack([columns[f"q{c}"] for c in "xyzw"], -1)).inv()
-    points = -turns.apply(np.stack([columns[name] for name in POINT], -1))
-    quaternions = turns.as_quat().T
+    rotations = Rotation.from_quat(np.stack([columns[f"q{c}"] for c in "xyzw"], -1)).inv()
+    points = -rotations.apply(np.stack([columns[name] for name in POINT], -1))
+    quaternions = rotations.as_quat().T
     return dict(zip(POINT, points.T)) | {f"q{c}": row for c, row in zip("xyzw", quaternions)}
 
 

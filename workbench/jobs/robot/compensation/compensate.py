@@ -270,7 +270,7 @@ def _deviation(model, arm, task) -> np.ndarray:
     frames = model.evaluate(_parameters(model, arm)).frames
     actual = transform(flange_matrices(frames), frames.end_origin.T)
     measured = model.chain.measurement
-    return pose_difference(actual, transform(measured.turns, measured.measured.T), task.point)
+    return pose_difference(actual, transform(measured.rotations, measured.measured.T), task.point)
 
 
 def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
