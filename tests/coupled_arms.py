@@ -49,27 +49,35 @@ class CoupledArm:
     with_masses: bool = True
     says: bool | None = None
     noise_mm: float = 0.03
+    couplings: dict | None = None
+    stated: dict | None = None
+    """Joint -> (other joint, ratio) of the true arm, and of the robot file, where they are not those of `ARMS`."""
 
     @property
     def rows(self):
         return ARMS[self.name][0]
 
     @property
+    def true_couplings(self) -> dict:
+        return ARMS[self.name][1] if self.couplings is None else self.couplings
+
+    @property
     def mixing(self) -> np.ndarray:
         mixing = np.eye(len(self.rows))
-        for joint, (other, ratio) in ARMS[self.name][1].items():
+        for joint, (other, ratio) in self.true_couplings.items():
             mixing[joint - 1, other - 1] = ratio
         return mixing
 
     def keys(self) -> dict:
-        """robot.toml, with nominal geometry."""
+        """Keys of robot.toml, with nominal geometry."""
         joints = []
         for number, (theta, d, a, alpha, mass, centre, _) in enumerate(self.rows, 1):
             joint = {"theta_deg": theta, "d_mm": d, "a_mm": a, "alpha_deg": alpha}
             if self.with_masses:
                 joint |= {"mass_kg": mass, "com_mm": list(centre)}
-            if number in ARMS[self.name][1]:
-                other, ratio = ARMS[self.name][1][number]
+            stated = self.true_couplings if self.stated is None else self.stated
+            if number in stated:
+                other, ratio = stated[number]
                 said = {} if self.says is None else {"mechanical": self.says}
                 joint["coupled"] = {"joint": other, "ratio": ratio, **said}
             joints.append(joint)

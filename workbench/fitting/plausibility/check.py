@@ -77,6 +77,8 @@ def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
     others = []
     if fit.core < scale_of_good_fit or gravity.held_out_mm > scale_of_good_fit:
         others = _fit_suspicions(robot, recording, fit, scale_of_good_fit)
+    if any(suspicion.certain for suspicion in others):
+        return others  # deflections that are estimated from wrong data say nothing
     return [gravity_suspicion(robot, gravity), *others]
 
 

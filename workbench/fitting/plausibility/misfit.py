@@ -12,6 +12,7 @@ from workbench.fitting.plausibility.columns_at_rest import (
     equal_columns,
     longest_run,
 )
+from workbench.fitting.plausibility.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.fitting import (
     Fit,
     base_and_tool,
@@ -54,6 +55,9 @@ def misfit_suspicions(
     search = search_singles(robot, recording)
     explanations = (*search.explanations, *_scaled(robot, recording))
     found = _accepted(explanations, recorded, scale_of_good_fit)
+    if not found:
+        coupled = coupled_readings(robot, recording, is_far=True)
+        found = _accepted(coupled, recorded, scale_of_good_fit)
     if not found:
         wrong_geometry = _wrong_geometry(robot, recording, recorded, scale_of_good_fit)
         if wrong_geometry is not None:

@@ -12,26 +12,17 @@ import numpy as np
 from datasets.columns import joint_columns, joint_number
 from robot_model.effects.curve import LEAST_SCALE
 from workbench.core.text.uncertain import with_std
-from workbench.fitting.plausibility.fitting import (
-    FAILURES,
-    POSITION,
-    Fit,
-    fit_recording,
-    geometry_prior,
-    lever_of,
-)
+from workbench.fitting.plausibility.fitting import FAILURES, Fit, fit_recording
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, column_correction
+from workbench.fitting.plausibility.linearised_fit import LinearisedFit
 from workbench.fitting.plausibility.sampling import even_rows
 
 CAUSE = "reading-scale"
 _ROWS, _STEPS, _ROUNDS = 240, 60, 4
-_CAUCHY = 2.5
 _MOST = 0.2
 _SIGNIFICANT = 6.0  # standard deviations
 _TESTED = 2
 _SETTLED = 0.1  # standard deviations
-_LEAST_MM = 1e-6
-_UNDETERMINED = 1e-9  # share of a column that is independent of base, tool and geometry
 
 
 @dataclass(frozen=True)
@@ -130,74 +121,18 @@ def _estimates(robot, recording, fit: Fit) -> dict[str, _Estimate]:
 
     One Gauss-Newton step with the weights of the fit; base, tool and geometry with its prior are estimated with it.
     """
-    linear = _Linear.at(robot, recording, fit)
+    linear = LinearisedFit.at(robot, recording, fit)
     found = {}
     for k, name in enumerate(joint_columns(recording.columns)):
         reading = recording.joints[:, k]
-        scale = linear.solved(k, (reading - reading.mean())[None])
+        scale = linear.solved(linear.readings[k], (reading - reading.mean())[None])
         if scale is None:
             continue
         change, own = scale
         gain = float(own[0, 0] * change[0] ** 2)
         cycle = None
         if name.endswith("_deg"):
-            cycle = linear.solved(k, np.stack([np.cos(reading), np.sin(reading)]))
+            cycle = linear.solved(linear.readings[k], np.stack([np.cos(reading), np.sin(reading)]))
         is_sinusoidal = cycle is not None and float(cycle[0] @ cycle[1] @ cycle[0]) > gain
         found[name] = _Estimate(float(change[0]), float(own[0, 0] ** -0.5), is_sinusoidal)
     return found
-
-
-@dataclass(frozen=True)
-class _Linear:
-    """A robust fit, linearised: weighted columns of its parameters, residual, and derivatives with respect to readings.
-
-    `matrix` (F, F) and `gradient` (F,): normal equations of the F parameters with their prior, in units (F,) in which
-    the diagonal is 1.
-    """
-
-    baseline: np.ndarray
-    residual: np.ndarray
-    readings: np.ndarray
-    matrix: np.ndarray
-    gradient: np.ndarray
-    unit: np.ndarray
-
-    @classmethod
-    def at(cls, robot, recording, fit: Fit) -> "_Linear":
-        parameters, lever = fit.parameters, lever_of(robot, recording)
-        _, rows = fit.model.linearise(parameters)
-        joints = fit.model.evaluate(parameters).joint_rows()
-        readings = np.tensordot(robot.mixing.T, joints, 1)
-        size = max(fit.scale, _LEAST_MM)
-        root = 1 / np.sqrt(1 + (fit.mismatch / (_CAUCHY * size)) ** 2)
-        root *= np.sqrt(len(fit.residual)) / size
-
-        def white(values):
-            rotations = lever * values[..., POSITION:, :]
-            return np.concatenate([values[..., :POSITION, :], rotations], -2) * root
-
-        prior = geometry_prior(robot, recording, parameters)[parameters.mask]
-        baseline = white(rows).reshape(len(rows), -1)
-        residual = white(fit.residual).ravel()
-        matrix = baseline @ baseline.T + np.diag(1 / prior**2)
-        unit = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-        pull = (parameters.pack() - parameters.nulls[parameters.mask]) / prior**2
-        gradient = unit * (baseline @ residual + pull)
-        return cls(
-            baseline, residual, white(readings), matrix * np.outer(unit, unit), gradient, unit
-        )
-
-    def solved(self, joint: int, laws: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Coefficients (c,) of laws (c, n) of the error of a reading, and their precision (c, c).
-
-        None where base, tool and geometry make the same errors.
-        """
-        columns = (self.readings[joint] * laws[:, None, :]).reshape(len(laws), -1)
-        shared = self.unit[:, None] * (self.baseline @ columns.T)
-        right = np.column_stack([shared, self.gradient])
-        both = np.linalg.lstsq(self.matrix, right, rcond=1e-12)[0]
-        whole = columns @ columns.T
-        own = whole - shared.T @ both[:, :-1]
-        if not np.linalg.eigvalsh(own)[0] > _UNDETERMINED * np.trace(whole):
-            return None
-        return -np.linalg.solve(own, columns @ self.residual - shared.T @ both[:, -1]), own

@@ -11,6 +11,7 @@ import numpy as np
 
 from workbench.core.distributions import chi2
 from workbench.core.errors import InputError
+from workbench.fitting.plausibility.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
 from workbench.fitting.plausibility.hypotheses.corrections import Correction
 from workbench.fitting.plausibility.hypotheses.joint_corrections import joint_corrections
@@ -61,7 +62,11 @@ def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
         return []
     found = [
         alternative
-        for alternative in (*alternatives(robot, recording), *_scaled(robot, recording))
+        for alternative in (
+            *alternatives(robot, recording),
+            *_scaled(robot, recording),
+            *_coupled(robot, recording),
+        )
         if _explains(alternative, noise)
     ]
     if not found:
@@ -122,6 +127,16 @@ def _scaled(robot, recording) -> list[Alternative]:
     chosen = recording.select(even_rows(recording, _ROWS))
     recorded = fit_recording(robot, chosen, steps=_STEPS)
     return [Alternative(scale.correction, scale.fit, recorded) for scale in scales]
+
+
+def _coupled(robot, recording) -> list[Alternative]:
+    """Couplings of joint readings that the robot file lacks."""
+    found = coupled_readings(robot, recording, is_far=False)
+    if not found:
+        return []
+    chosen = recording.select(even_rows(recording, _ROWS))
+    recorded = fit_recording(robot, chosen, steps=_STEPS)
+    return [Alternative(one.correction, one.fit, recorded) for one in found]
 
 
 def _is_moving(recording, correction) -> bool:

@@ -28,10 +28,10 @@ def coupling_corrections(robot) -> Iterator[Correction]:
             stated = robot.mixing[joint, other]
             for ratio in _RATIOS:
                 if abs(ratio - stated) > _SAME:
-                    yield _coupling(robot, (int(joint), int(other)), ratio)
+                    yield coupling_correction(robot, (int(joint), int(other)), ratio)
 
 
-def _coupling(robot, place: tuple[int, int], ratio: float) -> Correction:
+def coupling_correction(robot, place: tuple[int, int], ratio: float) -> Correction:
     """Joint and other joint (indices) coupled with a ratio."""
     joint, other = place
     stated = float(robot.mixing[joint, other])
@@ -40,7 +40,8 @@ def _coupling(robot, place: tuple[int, int], ratio: float) -> Correction:
     remedy = f"write {key} under [[joint]] number {joint + 1} of robot.toml"
     if robot.source.startswith(DH_TABLE) and not stated:
         sign = "+" if ratio > 0 else "-"
-        remedy += f", or {sign} q{other + 1} into its theta in the table (q{joint + 1} {sign} q{other + 1})"
+        term = f"q{other + 1}" if abs(ratio) == 1 else f"{abs(ratio):g}*q{other + 1}"
+        remedy += f", or {sign} {term} into its theta in the table (q{joint + 1} {sign} {term})"
     if not stated:
         statement = f"lacks its coupling (its angle is {_angle(robot, place, ratio)})"
     elif ratio:
@@ -64,7 +65,8 @@ def _angle(robot, place: tuple[int, int], ratio: float) -> str:
     """ "reading 3 - reading 2": how a joint's angle follows from two readings."""
     joint, other = place
     sign = "-" if robot.mixing[joint, joint] < 0 else ""
-    return f"{sign}reading {joint + 1} {'+' if ratio > 0 else '-'} reading {other + 1}"
+    size = "" if abs(ratio) == 1 else f"{abs(ratio):g} "
+    return f"{sign}reading {joint + 1} {'+' if ratio > 0 else '-'} {size}reading {other + 1}"
 
 
 def _with_ratio(place: tuple[int, int], ratio: float):
