@@ -16,7 +16,7 @@ THETA, D, A, ALPHA, BETA = range(5)
 
 @dataclass
 class Frames:
-    """Where every axis of an arm with J joints stands, in the world frame (mm), for n samples.
+    """Axes and origins of an arm with J joints, in the world frame (mm), for n samples.
 
     `z`, `x`, `y` (J, 3, n): the axes about which theta, alpha and beta turn (d and a shift along
     z and x); `z_origin`, `x_origin` (J, 3, n): points on them. `link` (J+2, 3, 3, n) the columns

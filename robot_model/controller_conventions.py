@@ -1,4 +1,4 @@
-"""How the controllers of three makers count the joints of a six-axis arm: zero posture and positive senses.
+"""Joint conventions of the controllers of three makers for six-axis arms: zero posture and positive senses.
 
 In the root frame, x forward, y to the left, z up, with all joints at zero:
 

@@ -209,7 +209,7 @@ class Tree:
             }
 
     def drive(self, joint: Joint) -> tuple[str, float, float] | None:
-        """Which reading moves a joint, by what ratio and offset (m, rad); None where it stands still."""
+        """Find the reading that moves a joint, its ratio and offset (m, rad); None where it stands still."""
         if joint.kind == "fixed":
             return None
         if joint.kind not in _MOVING:

@@ -110,7 +110,7 @@ def flaw(image: Image | np.ndarray) -> str | None:
 
 
 def blur(grey: np.ndarray) -> str | None:
-    """How an image (H, W) with straight edges in two directions is blurred; None where its edges are sharp.
+    """Estimate the blur of an image (H, W) with straight edges in two directions; None where its edges are sharp.
 
     An edge is as wide as the contrast of the image over the steepest gradient across it, after smoothing by 1 px. The
     narrower of two edge directions is blurred by focus; one that is much wider, by motion across it, unless hardly

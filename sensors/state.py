@@ -1,4 +1,4 @@
-"""What an effect of the sensor may ask about n observations: where in the field, how far, how steep, when."""
+"""State of n observations for the effects of the sensor: place in the field, distance, incidence, time."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

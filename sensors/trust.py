@@ -1,4 +1,4 @@
-"""What a calibration says of its own trustworthiness, as files of cameras and scanners carry it."""
+"""Statements of a calibration on its own reliability, as files of cameras and scanners carry them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -68,7 +68,7 @@ def estimate_components(gram: np.ndarray, pull: np.ndarray, kind: np.ndarray) ->
 
 
 def _left(gram):
-    """How many errors of one kind remain after the unknowns are projected out: (tr R)^2 / tr R^2."""
+    """Effective number of errors of one kind after the unknowns are projected out: (tr R)^2 / tr R^2."""
     return float(np.trace(gram) ** 2 / max((gram**2).sum(), 1e-300)) if gram.size else 0.0
 
 

@@ -34,7 +34,7 @@ class BeamFit:
 
     @property
     def rank(self) -> int:
-        """How many of the free parameters' directions the objective sees."""
+        """Rank of the objective in the free parameters."""
         return int(
             (self.singular > 1e-6 * self.singular[0]).sum()
         )  # central differences are no better

@@ -1,4 +1,4 @@
-"""How much of a ball was seen, and how thin the shell is that holds its points."""
+"""Seen part of a ball, and thickness of the shell that holds its points."""
 
 import numpy as np
 

@@ -220,7 +220,7 @@ def _of(array, chosen):
 
 @dataclass(frozen=True)
 class _Trim:
-    """Which points are too steep or too near to the silhouette."""
+    """Points that are too steep or too near to the silhouette."""
 
     view: np.ndarray | None
     incidence: float

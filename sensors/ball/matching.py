@@ -1,4 +1,4 @@
-"""Which ball of the artefact each ball that was found is, by the distances between them."""
+"""Assignment of found balls to the balls of an artefact, by the distances between them."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from workbench.core.rigid import nearest_rotation
 
 @dataclass(frozen=True)
 class Match:
-    """Which ball of the artefact each found ball is; false where that is not certain.
+    """Assignment of found balls to the balls of the artefact; false where that is not certain.
 
     `ball` (k,) int column of the artefact's centres, -1 for none; `rms` mm of the distances from the
     artefact's centres after a rigid fit; `others` further assignments (k,) that the distances allow as

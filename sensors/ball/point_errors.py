@@ -1,4 +1,4 @@
-"""How a scanner's points err together: with their light plane, and with their stripe."""
+"""Errors that points of a scanner share with their light plane and with their stripe."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ def plane_error(
     covariance: np.ndarray,
     unknown: np.ndarray | None = None,
 ) -> Shared:
-    """What points (3, n) in the camera frame share with all others of their light plane, for `fit_ball`.
+    """Errors that points (3, n) in the camera frame share with all others of their light plane, for `fit_ball`.
 
     `planes` (4, S); `steps` (n,) int column of `planes` of each point; `covariance` (3 S, 3 S) of each
     plane's two tilts (rad, `tilt_directions`) and offset (mm), as of a `Scanner`. A plane that

@@ -157,7 +157,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class BallStart:
-    """Where a fit begins: `centre` (3,) and `radius` mm, and what its points are off by, `rms` mm."""
+    """Start of a fit: `centre` (3,) and `radius` mm, and the distances of its points, `rms` mm."""
 
     centre: np.ndarray
     radius: float
@@ -372,7 +372,7 @@ class _Search:
         return replace(fit, reason=reason, residual=residual)
 
     def unlike(self, fit, cloud) -> str:
-        """Which requirement of a ball a fit fails, "" for none: true to form, nothing inside, curved both ways."""
+        """The requirement of a ball that a fit fails, "" for none: true to form, nothing inside, curved both ways."""
         displacement = cloud.points - fit.centre[:, None]
         distance = np.linalg.norm(displacement, axis=0)
         gap = distance - fit.radius

@@ -1,4 +1,4 @@
-"""Which of the balls that share one stripe is there, by the width of the laser's line on it.
+"""Choice among the balls that share one stripe, by the width of the laser's line on it.
 
 A light plane cuts a ball of radius R in a circle of radius r. The same circle lies on a ball on the other side of the
 plane, both sqrt(R^2 - r^2) away from it, and on balls of other radii. They turn their surface to the camera in other
@@ -84,7 +84,7 @@ def _scatter(row, middle) -> float:
 
 
 def _bent(deviation: np.ndarray) -> float:
-    """How much of the sum of squares a slope and a curvature along the stripe explain."""
+    """Part of the sum of squares that a slope and a curvature along the stripe explain."""
     place = np.linspace(-1, 1, len(deviation))
     basis = np.linalg.qr(np.stack([np.ones_like(place), place, place**2], axis=1))[0]
     return float(np.square(basis[:, 1:].T @ deviation).sum())

@@ -323,7 +323,7 @@ class Used:
 
 
 def used_part(problem: Problem, solved: Solved, loss: Loss) -> tuple[np.ndarray, Used]:
-    """Which points have a weight, (n,) bool, and what the covariances of an M-estimate are made of."""
+    """Points that have a weight, (n,) bool, and the sums that make the covariances of an M-estimate."""
     weight, slope = loss(solved.white / solved.spread)
     used = solved.keep & (weight > 0)
     place = np.flatnonzero(used)
@@ -336,7 +336,7 @@ def used_part(problem: Problem, solved: Solved, loss: Loss) -> tuple[np.ndarray,
 
 
 def step_left(part: Used, radius: float) -> float:
-    """What a further Newton step would move, in sigmas of what is fitted: the score statistic of an M-estimate (Rao,
+    """Length of a further Newton step in sigmas of what is fitted: the score statistic of an M-estimate (Rao,
     Proc. Cambridge Phil. Soc. 44, 1948). 0 where it is less than rounding of the radius."""
     pull = part.rows @ part.score
     move = solve_positive(part.normal, pull)
@@ -380,7 +380,7 @@ def _grouped(rows, score, slope, groups):
 
 
 def memory(white: np.ndarray) -> float:
-    """How many times larger the variance of a mean is than that of independent residuals, (n,) in their order.
+    """Ratio of the variance of a mean to that of independent residuals, (n,) in their order.
 
     1 + 2 times the sum of the autocorrelations up to the first that is not positive
     (Geyer, Statistical Science 7, 1992).

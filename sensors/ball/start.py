@@ -1,4 +1,4 @@
-"""Where the fit of a ball or circle begins: spheres through a few points, half of which may be wrong."""
+"""Start of the fit of a ball or circle: spheres through a few points, half of which may be wrong."""
 
 import numpy as np
 

@@ -74,7 +74,7 @@ class ThinnedCloud:
         return radius, misfit
 
     def _peaks(self, votes, radius):
-        """Where votes (3, m) crowd: (count, centre, radius), most votes first."""
+        """Clusters of votes (3, m): (count, centre, radius), most votes first."""
         from scipy.spatial import cKDTree
 
         if len(radius) < LEAST_POINTS:

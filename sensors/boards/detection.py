@@ -70,7 +70,7 @@ def detect(
     placement: str = "",
     row: Mapping | None = None,
 ) -> View | Rejected:
-    """Where the board's corners are in a image (H, W), or why they are not known."""
+    """Find the board's corners in an image (H, W), or state why they are not known."""
     image = images.as_image(image)
     if why := images.flaw(image):
         return Rejected(name, why, placement)

@@ -225,7 +225,7 @@ def _chess_frame(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _another_chessboard(image: np.ndarray, board: "Board") -> Found:
-    """What is there in place of the expected chessboard."""
+    """Describe what is there in place of the expected chessboard."""
     import cv2
 
     small, scale = _shrunk(image, SMALL)
@@ -330,7 +330,7 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
 
 
 def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
-    """Which other grid of circles is there: sizes around the expected one, the largest first."""
+    """Find another grid of circles: sizes around the expected one, the largest first."""
     wide, high, asymmetric = board.columns, board.rows, board.kind == "asymmetric-circles"
     around = {
         (a, b)
@@ -376,7 +376,7 @@ def _charuco(image: np.ndarray, board: "Board") -> Found:
 
 
 def _another_charuco(image: np.ndarray, board: "Board", corners: int, markers: np.ndarray) -> Found:
-    """Which other ChArUco board explains the markers: the one with most corners, of these the smallest."""
+    """Find another ChArUco board that explains the markers: the one with most corners, of these the smallest."""
     wide = board.columns
     high = board.rows
     best = (max(5, 1.3 * corners), 0, None)

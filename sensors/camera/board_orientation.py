@@ -1,4 +1,4 @@
-"""Which way round a square board lay in each image, where only its bow can tell."""
+"""Orientation of a square board in each image, where only its bow distinguishes rotations by 90 deg."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -275,7 +275,7 @@ def _height(board, values, covariance):
 
 
 def _undetermined(calibration: CameraCalibration) -> list[str]:
-    """What these images do not determine, or only poorly because the boards were parallel."""
+    """State what these images do not determine, or only poorly because the boards were parallel."""
     said = list(calibration.fit.known.sentences())
     if calibration.curved is not None:
         said.append(calibration.curved.sentence)
@@ -294,7 +294,7 @@ def _undetermined(calibration: CameraCalibration) -> list[str]:
 
 
 def _remarks(calibration: CameraCalibration, folds: int) -> list[str]:
-    """What else a user should know before trusting the result."""
+    """State what else a user should know before trusting the result."""
     said = []
     share = float((calibration.coverage > 0).mean())
     if share < _COVERED:
@@ -343,7 +343,7 @@ def _names_shared(calibration: CameraCalibration) -> bool:
 
 
 def _on_sigmas(calibration: CameraCalibration) -> str:
-    """What the stated standard deviations hold of errors that images share."""
+    """State which errors that images share the standard deviations include."""
     if calibration.shared is not None and calibration.shared.significant:
         return f"the stated uncertainties include errors that images share ({calibration.shared.errors.names}, 1 sigma)"
     return f"neither is in the sigmas, which should be taken as {calibration.halves.ratio:.1f} times as large"

@@ -1,4 +1,4 @@
-"""How good a camera is: errors on images that it was not made from, its halves compared, what is known where."""
+"""Checks of a camera: errors on held-out images, its halves compared, and its uncertainty over the image."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

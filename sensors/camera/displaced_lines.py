@@ -1,4 +1,4 @@
-"""Which rows or columns of a board are displaced: forward selection on what the images leave of all board poses.
+"""Displaced rows or columns of a board: forward selection on the residuals of all board poses.
 
 Each line that is selected is tested on board poses that were left out. Camera and displacements come from the other
 poses, the pose itself from its own corners; the sum of squares of these corners must fall. The same errors compare the

@@ -1,4 +1,4 @@
-"""What errors shared by the corners of many images add to the covariance of a camera."""
+"""Covariance of a camera from errors that the corners of many images share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -188,7 +188,7 @@ def _is_possible(values: np.ndarray, size: np.ndarray) -> bool:
 
 
 def camera_keys(camera: Camera) -> dict:
-    """What `camera_from_keys` reads."""
+    """The keys that `camera_from_keys` reads."""
     return {
         **{f"{name}_px": float(value) for name, value in zip(NAMES[:4], camera.values)},
         "distortion": [float(k) for k in camera.distortion],
@@ -198,7 +198,7 @@ def camera_keys(camera: Camera) -> dict:
 
 
 def covariance_keys(covariance: np.ndarray | None) -> dict:
-    """What `covariance_from_keys` reads, of a covariance (V, V); no key where it is not known."""
+    """The keys that `covariance_from_keys` reads, of a covariance (V, V); none where it is not known."""
     if covariance is None or not np.isfinite(covariance).all():
         return {}
     return {"covariance": covariance.tolist()}

@@ -1,4 +1,4 @@
-"""What the corners of all images share: errors of the board's print by corner, errors of the lens by place.
+"""Errors that the corners of all images share: of the board's print by corner, of the lens by place.
 
 Neither averages out with more images as noise does. Both are tested; the first goes into the
 sigmas as a component of variance of its own.
@@ -118,7 +118,7 @@ def _tested(fit, sums, part):
 
 @dataclass(frozen=True)
 class _Share:
-    """What poses and camera take of the corners' means: `degrees`, `trace`; `spread` (D, D) is sum C_c C_c'."""
+    """Part of the corners' means that poses and camera absorb: `degrees`, `trace`; `spread` (D, D) is sum C_c C_c'."""
 
     degrees: float
     trace: float
@@ -228,7 +228,7 @@ class LensMap:
 
 
 def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
-    """What corners at the same place of the image are off by; first less their own means, where these differ."""
+    """Errors of corners at the same place of the image; first less their own means, where these differ."""
     from scipy.special import fdtrc
 
     residual = fit.residual[0]

@@ -1,4 +1,4 @@
-"""Which images and corners of a camera are to be doubted, and when the lens is to be doubted instead of them.
+"""Suspect images and corners of a camera, and the case in which the lens model is suspect instead.
 
 Judged before the camera is known: a image of a board is smooth across the board, whatever the
 lens. Judged after: a corner that is off unlike its neighbours is a blunder; what many boards are off

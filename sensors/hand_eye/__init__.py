@@ -1,1 +1,1 @@
-"""Where the sensor sits on the flange: from images of a board, from profiles of one ball."""
+"""Hand-eye transform of the sensor: from images of a board, or from profiles or centres of balls."""

@@ -104,7 +104,7 @@ def hand_eye_from_views(
 
 
 def _best(chain, parameters, first, most, scale):
-    """What `find_blunders` gives, with or without the board's scale, and what is to be said of it."""
+    """The better result of `find_blunders`, with or without the board's scale, and the sentences on it."""
     without_scale = None if scale else find_blunders(chain, parameters, first, most)
     if scale is False:
         return without_scale, ()

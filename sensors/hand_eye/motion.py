@@ -1,4 +1,4 @@
-"""What the motions of a hand-eye set cannot tell, and mistakes in its poses, in words."""
+"""Sentences on what the motions of a hand-eye set do not determine, and on mistakes in its poses."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _MOST = 24  # poses up to which every exchange of two is tried
 
 @dataclass(frozen=True)
 class Motion:
-    """What the flange's motions leave undetermined: M small motions of the sensor that change nothing measured.
+    """Directions that the flange's motions do not determine: M small motions that change nothing measured.
 
     `sensor` and `target` (6, M): translation (mm a unit) and rotation vector (rad a unit) of the sensor, along the
     axes of the frame that it sits in, and of board or ball, which goes with it; `sentences` say it in words.
@@ -33,7 +33,7 @@ class Motion:
 
 
 def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0) -> Motion:
-    """What flange poses (P, 4, 4) leave undetermined.
+    """Find the directions that flange poses (P, 4, 4) do not determine.
 
     With A the flange's motion between two poses, a hand-eye X and exp(x) X predict the same where x commutes with
     every A. spin (rad) and shift (mm): 1 sigma of the error of a pose's rotation and position; motions that are not
@@ -78,7 +78,7 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
 
 
 def _short_of_translations(motions, near, mount):
-    """What stays undetermined, and the sentence, of a flange that never rotated and hardly moved; None otherwise."""
+    """Undetermined directions, and the sentence, of a flange that never rotated and hardly moved; None otherwise."""
     places = motions[:, :3, 3]
     line = thin_svd(places)[2][0]
     if np.linalg.norm(places, axis=1).max() < near:

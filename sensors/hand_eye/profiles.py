@@ -102,7 +102,7 @@ def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -
 
 
 def _best(chain, parameters, first, weights, range_scale, most):
-    """What `find_blunders` gives, with or without the scale of z, and what is to be said of it."""
+    """The better result of `find_blunders`, with or without the scale of z, and the sentences on it."""
     equal = weights == "equal"
     without_scale = None if range_scale else find_blunders(chain, parameters, first, most, equal)
     if range_scale is False:

@@ -1,4 +1,4 @@
-"""What a hand-eye calibration returns, and how it is made up from an adjustment."""
+"""Result of a hand-eye calibration, and its construction from an adjustment."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,7 +30,7 @@ class PoseRow:
 
 @dataclass(frozen=True)
 class HandEye:
-    """Where the sensor sits.
+    """Result of a hand-eye calibration: pose of the sensor with its uncertainty.
 
     `kind`: "in-hand", "to-hand" or "profiles"; `sensor` (4, 4): T_flange_sensor, for "to-hand"
     T_base_sensor; `covariance` (6, 6) of x y z (mm) and of a small rotation about x y z (rad), along the

@@ -126,7 +126,7 @@ class Evaluation(Sight):
         self.residual = (self.miss / gain)[None]
 
     def _hit(self):
-        """Where the rays of the pixels meet the boards."""
+        """Intersections of the rays of the pixels with the boards."""
         chain = self.chain
         group = self.chain.labels["placement"]
         normals = rotation_matrix(chain.poses[:, 3:])[:, :, 2]
@@ -137,7 +137,7 @@ class Evaluation(Sight):
         self.hits = self.ray * self.depth
 
     def _miss(self):
-        """How far the hits miss their planes, mm, and the slope of that."""
+        """Distances of the intersections from their light planes, mm, and their derivatives."""
         self.place = self.hits + self._delta("point")
         change = self._delta("plane")
         self.plane = self._planes() + change[:4]

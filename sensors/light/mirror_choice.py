@@ -69,7 +69,7 @@ class MirrorCheck:
 
     @property
     def verdict(self) -> str:
-        """What is done with the mirror, and why."""
+        """State what is done with the mirror, and why."""
         if self.agrees:
             return "the stripes agree with one mirror; it is used"
         if not self.supported:

@@ -1,4 +1,4 @@
-"""What the chains of stripes on boards and on balls share: rays through the lens, and the light planes of their steps.
+"""Base of the chains of stripes on boards and on balls: rays through the lens, and the light planes of their steps.
 
 `StripeChain` is the common base of the chains, `Sight` that of their evaluations. An evaluation of a chain intersects
 the rays with its surface and states the derivatives of its residual by a ray and by a light plane.

@@ -46,7 +46,7 @@ class StationaryLine:
 
     @property
     def sentence(self) -> str:
-        """What was found, why it matters, what to do."""
+        """State what was found, why it matters, what to do."""
         (u0, v0), (u1, v1) = np.rint(self.ends.T).astype(int)
         return (
             f"{self.centres} stripe centres in {self.images} images lie on one line of the image, from ({u0}, {v0}) to "

@@ -1,4 +1,4 @@
-"""What the points of one stripe err by together: errors that no number of points along a stripe averages out.
+"""Errors that the points of one stripe share, which no number of points along a stripe averages out.
 
 A printed edge under the light, light that falls unevenly on a tilted board, blur that changes with
 depth: each moves many points of a stripe, or all stripes of a board pose, alike. They are random
@@ -43,7 +43,7 @@ class Together:
 
     @property
     def sentence(self) -> str:
-        """What the covariance holds of them."""
+        """State which of these errors the covariance includes."""
         every = zip(WORDS, self.sigma, self.std)
         components = [
             f"{word} {with_std(1000 * sigma, 1000 * std)}"

@@ -1,4 +1,4 @@
-"""What is printed on a board: its reflectance at any place, averaged over a small square.
+"""Print of a board: its reflectance at any place, averaged over a small square.
 
 Places are in the board's own frame (`sensors.boards.board.Board`), mm. A mean over the square of side
 `width`, with edges taken as straight within it, makes the few samples a pixel has count as many.

@@ -1,4 +1,4 @@
-"""Where boards and artefacts stand before the camera: at random within the field, or as a scene says."""
+"""Poses of boards and artefacts before the camera: at random within the field, or as a scene says."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

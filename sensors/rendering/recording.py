@@ -31,7 +31,7 @@ _EXPOSURE_S = 1.0  # between two images while nothing sweeps
 
 @dataclass(frozen=True)
 class Stations:
-    """Where an arm held the sensor: one row of samples.csv a scan.
+    """Flange poses of a scan series: one row of samples.csv a scan.
 
     `poses` (n, 4, 4) T_artefact_sensor as they truly were; `columns` of samples.csv, each (n,), with
     `sample`; `robot` the keys of robot.toml; `section` of recording.toml's [robot], its file if empty.
@@ -52,7 +52,7 @@ class Stations:
 
 @dataclass(frozen=True)
 class Made:
-    """What was written: rows of images.csv, and the truth behind them (plain numbers and lists)."""
+    """Written rows of images.csv, and the truth behind them (plain numbers and lists)."""
 
     images: tuple[Mapping, ...]
     truth: Mapping
@@ -166,7 +166,7 @@ def _own_cells(stations: Stations | None, role: str, place: int) -> Mapping:
 
 
 def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float], float]:
-    """What the columns hold in the first image, and seconds from one image to the next."""
+    """Values of the columns in the first image, and seconds from one image to the next."""
     found, seconds = {"time_s": clock}, _EXPOSURE_S
     if scene.temperature_c:
         first, last = scene.temperature_c

@@ -140,7 +140,7 @@ class BoardKeys(_Table):
 
     @property
     def recorded(self) -> dict:
-        """What recording.toml says."""
+        """The keys of recording.toml."""
         keys = {
             "kind": self.kind,
             "columns": self.columns,
@@ -155,7 +155,7 @@ class BoardKeys(_Table):
 
     @property
     def pattern(self) -> Pattern:
-        """What is printed."""
+        """The printed pattern."""
         return Pattern(
             Board.of(self.recorded), self.white, self.dark, self.margin, self.negative, self.radius
         )

@@ -1,4 +1,4 @@
-"""Where each part of each pixel looks: through the true lens, to the nearest surface."""
+"""Rays of each part of each pixel: through the true lens, to the nearest surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ _BLOCK = 1 << 18  # samples at a time: what stays in the processor's cache
 
 @dataclass(frozen=True)
 class Seen:
-    """What n places of the image see: `points` (3, n) mm, `surface` (n,) its number in the list, -1 nothing."""
+    """Points that n places of the image see: `points` (3, n) mm, `surface` (n,) its number in the list, -1 nothing."""
 
     points: np.ndarray
     surface: np.ndarray
@@ -24,7 +24,7 @@ class Seen:
 def look(
     instrument: Instrument, surfaces: Sequence[Surface], pixels: np.ndarray, moment: Moment
 ) -> Seen:
-    """What pixels (2, n), as observed, see at this moment.
+    """Find the points that pixels (2, n), as observed, see at this moment.
 
     Observed pixel -> ideal pixel (port `pixel`) -> ray (port `ray`) -> nearest surface. What bends the ray
     may ask how far away the surface is, which the unbent ray says first.

@@ -1,4 +1,4 @@
-"""What stands before the scanner: boards, balls and meshes; where rays meet them, to the nanometre.
+"""Surfaces before the scanner: boards, balls and meshes, and their intersections with rays, to the nanometre.
 
 Everything is in the camera frame, mm. A surface answers three questions: how far along rays from
 the camera (`meet`), what it is like at points of it (`normals`, `albedo`), and whether it stands

@@ -63,7 +63,7 @@ class Adjustment:
         return rows @ (vectors * np.sqrt(np.maximum(values, 0)))
 
     def apart(self, volume: tuple[float, float]) -> Apart:
-        """What is known of the planes in the frame that fits best, and of that frame."""
+        """Covariance of the planes in the frame that fits best, and of that frame."""
         return apart_from_frame(self.camera, self.board_stripes.planes, volume, self.joint())
 
     def _plane_rows(self):

@@ -114,7 +114,7 @@ class Cloud:
         return Seen(self.pixels, self.steps, self.image)
 
     def surface_line(self, ball: np.ndarray, line: np.ndarray | None = None) -> SurfaceLine:
-        """What a ball (4,), centre and radius in mm, does to the stripes on it.
+        """Shape of the stripes on a ball (4,), centre and radius in mm.
 
         line (3, n): width of the lines (px), a number that is not used here, and their peak (grey values): they say
         where the light of a single light plane comes from.
@@ -172,7 +172,7 @@ class Cloud:
 
 
 def ray_error(scanner: Scanner, points: np.ndarray, place: np.ndarray) -> Common:
-    """What points (3, n) mm in the camera frame, on the planes of columns `place` (n,), share through the camera.
+    """Errors of points (3, n) mm in the camera frame, on the planes of columns `place` (n,), shared through the camera.
 
     In the frame that fits the scanner's points best; the errors of the planes are correlated with it, since boards that
     the camera misplaces place the planes.

@@ -1,4 +1,4 @@
-"""How a scanner's points move with its pixels, planes and camera, and what of that is only its frame."""
+"""Errors of a scanner's points from its pixels, planes and camera, with and without those of its frame."""
 
 from dataclasses import dataclass
 
@@ -125,7 +125,7 @@ def plane_moves(planes: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Apart:
-    """What is known of light planes when the scanner's frame may be laid where it fits best.
+    """Covariance of light planes when the scanner's frame may be laid where it fits best.
 
     `planes` (3 S, 3 S) covariance of their tilts (rad) and offsets (mm) in that frame; `frame` (6, 6)
     of the frame itself, mm and rad; `point_mm` what points of the working volume are off by then,

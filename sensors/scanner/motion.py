@@ -1,4 +1,4 @@
-"""Where a moving sensor stood at each image of a scan, and how well that is known.
+"""Poses of a moving sensor at each image of a scan, and their covariance.
 
 A scan is joined in one frame by T_frame_camera of each image: from flange pose and hand-eye transform where the
 robot moves the sensor, from the axis and the angle of a turntable where the object moves. Errors of these
@@ -18,7 +18,7 @@ from sensors.scanner.errors import by_rays, frame_moves
 
 
 class LightPlanes(Protocol):
-    """What a motion needs of a `sensors.scanner.model.Scanner`; the attributes are described there."""
+    """The part of a `sensors.scanner.model.Scanner` that a motion needs; the attributes are described there."""
 
     camera: Camera
     steps: np.ndarray
@@ -71,7 +71,7 @@ class Motion:
         return _moved(self.own[image], points)
 
     def own_errors(self, scanner: LightPlanes, local: np.ndarray, seen: "Seen") -> Shared:
-        """What points (3, n) mm of one image share and no other image does, for `fit_ball`: the error of its pose,
+        """Errors that points (3, n) mm of one image share and no other image does, for `fit_ball`: of its pose,
         and that of its stripe, whose size is estimated. local: in the camera frame of each image."""
         label = np.unique(seen.image, return_inverse=True)[1]
         derivative = self.own_moves(self.points(local, seen.image), seen.image)

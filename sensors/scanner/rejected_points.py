@@ -1,4 +1,4 @@
-"""Where the points of the laser line lie that were left out as wrong: in the image, on the board, or in one plane.
+"""Location of rejected points of the laser line: in a part of the image, on the board, or in one plane.
 
 A scratch on the optics or a reflection spoils points at one place of the image, a glossy print at one place of the
 board, an obstacle before the laser those of some light planes, and blooming those of a bright line. Of these the one is

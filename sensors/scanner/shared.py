@@ -1,4 +1,4 @@
-"""How much points of one stripe, and stripes of one board pose, err together: variances from the adjustment itself."""
+"""Errors that points of one stripe, and stripes of one board pose, share: variances from the adjustment itself."""
 
 from dataclasses import dataclass, replace
 

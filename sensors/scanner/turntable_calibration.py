@@ -66,7 +66,7 @@ class TurntableCalibration:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """Sentences on what was found."""
         sentences = [
             f"turntable: axis from {len(self.commanded)} positions, corners {self.rms_px:.3f} px RMS; leave-one-out "
             f"error of a position {np.rad2deg(self.before):.4f} deg as commanded, {np.rad2deg(self.after):.4f} deg "

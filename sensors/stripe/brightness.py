@@ -1,4 +1,4 @@
-"""How bright a surface is under light of different incidence, measured on the line itself.
+"""Brightness of a surface under light of different incidence, measured on the line itself.
 
 The light of a line falls off across it as its surface turns away from the light, and its centre moves with that
 (`sensors.stripe.surface_line`). A matt surface (Lambert) is as bright as the cosine m of the incidence. Real ones are

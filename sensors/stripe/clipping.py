@@ -20,7 +20,7 @@ _LINES = 1024
 
 @dataclass(frozen=True)
 class Counts:
-    """What 16-bit images are filled with: their `largest` count and the bits that occur in any (`used`)."""
+    """Range of the counts of 16-bit images: their `largest` count and the bits that occur in any (`used`)."""
 
     largest: int = 0
     used: int = 0
@@ -84,7 +84,7 @@ def _piles_up(lines: np.ndarray, largest) -> bool:
 
 
 def _counts(lines: np.ndarray, low: float, largest) -> np.ndarray:
-    """How many pixels have each value above `low`; the last is that of `largest`."""
+    """Number of pixels with each value above `low`; the last is that of `largest`."""
     import cv2
 
     if lines.dtype.kind == "u":

@@ -1,4 +1,4 @@
-"""Which fitted peaks are not to be trusted: other peaks in the row, no neighbours, too weak, cut, of a wrong shape."""
+"""Flags of unreliable peaks: other peaks in the row, no neighbours, too weak, cut, of a wrong shape."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where the light of a single light plane comes from, by how bright its stripes are on a matt ball.
+"""Origin of the light of a single light plane, from the brightness of its stripes on a matt ball.
 
 Planes of a mirror meet where the light comes from (`sensors.light.planes.light_origin`); one plane says no more than
 that the light is in it. A matt surface is as bright as the cosine of the light's incidence (Lambert). The brightness of

@@ -1,4 +1,4 @@
-"""What the images themselves tell about noise: read noise, photon noise, exposure of the background, speckle."""
+"""Noise estimated from the images themselves: read noise, photon noise, exposure of the background, speckle."""
 
 from dataclasses import dataclass
 

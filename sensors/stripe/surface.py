@@ -1,4 +1,4 @@
-"""What an uneven surface does to the line's centre: an edge between black and white pulls it to the white side."""
+"""Displacement of the line's centre by an uneven surface: an edge of black and white pulls it to the white side."""
 
 import cv2
 import numpy as np

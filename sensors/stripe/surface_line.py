@@ -158,7 +158,7 @@ def line_on_ball(
     scan: np.ndarray,
     light: np.ndarray | None = None,
 ) -> SurfaceLine:
-    """How the light plane and its light change along the scan line at pixels (2, n) on a ball.
+    """Change of the light plane and its light along the scan line at pixels (2, n) on a ball.
 
     centre (3,) and radius mm in the camera frame; planes (4, n) of the points; scan (2,) unit vector;
     light (3,) mm where the light comes from, None where that is unknown: then `shade` is 0. nan off the ball.

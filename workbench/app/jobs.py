@@ -56,12 +56,12 @@ class Job:
 
     @property
     def last_line(self) -> str:
-        """What the command said last."""
+        """Last line of the command's output."""
         return self.lines[-1] if self.lines else ""
 
     @property
     def seconds(self) -> float:
-        """How long it has been running."""
+        """Seconds since the command started."""
         return time.monotonic() - self.started
 
     def cancel(self) -> None:

@@ -1,4 +1,4 @@
-"""What is open, selected and edited: the state of the app without its page."""
+"""State of the app without its page: the opened run, the selection and the edits."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
@@ -277,7 +277,7 @@ class Workspace:
 
     @property
     def excluded_counts(self) -> dict[str, int]:
-        """How many samples, and how many poses, the session excludes."""
+        """Number of samples, and number of poses, that the session excludes."""
         session, recording = self.session, self.opened.recording
 
         def compute():
@@ -288,7 +288,7 @@ class Workspace:
 
     @property
     def outside(self) -> int:
-        """How many samples are excluded that are no part of the newest run."""
+        """Number of excluded samples that are no part of the newest run."""
 
         def compute():
             numbers = excluded_numbers(self.session, self.opened.recording)
@@ -379,7 +379,7 @@ class Workspace:
         return True
 
     def look_for_diagnosis(self) -> None:
-        """Where none is open, take the newest diagnosis of the same data that was made before; looks once."""
+        """Open the newest earlier diagnosis of the same data where none is open; looks once."""
         if self.diagnosis is None and not self._has_looked:
             self._has_looked = True
             self.diagnosis = newest_diagnosis(self.opened)

@@ -99,7 +99,7 @@ def _sides(steps: np.ndarray, half: float) -> list[float]:
 
 
 def reversals(side: np.ndarray, time: np.ndarray) -> int:
-    """How often a side (n,), -1 or 1 and 0 where not known, changes in the order of `time` (n,)."""
+    """Count the changes of a side (n,), -1 or 1 and 0 where not known, in the order of `time` (n,)."""
     ordered = side[np.argsort(time, kind="stable")]
     return int(np.count_nonzero(np.diff(ordered[ordered != 0])))
 

@@ -151,7 +151,7 @@ class Solution:
 
     @cached_property
     def single(self) -> SingleParameters:
-        """Which parameters are determined one by one, of all that a stage freed."""
+        """Parameters that are determined one by one, of all that a stage freed."""
         return SingleParameters.of(self.all_known, self.parameters)
 
     @cached_property

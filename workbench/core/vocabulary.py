@@ -30,7 +30,7 @@ _UNIT = re.compile(r"(\w+?)_(deg_s|mm_s|deg|rad|mm|px|kg|nm|s|c)")
 
 @dataclass(frozen=True)
 class Place:
-    """Where something sits: `kind` ("joint", "base", ...) and its `number`, None where there is only one."""
+    """Place of an effect: `kind` ("joint", "base", ...) and its `number`, None where there is only one."""
 
     kind: str
     number: int | None = None

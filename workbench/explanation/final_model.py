@@ -112,7 +112,7 @@ class FinalModel:
         return tuple(int(i) for i in self.ids[self.found.outliers])
 
     def views(self) -> Views:
-        """What the page draws."""
+        """Data of the figures of the page."""
         if self.bench.chain is None:
             return self._sensor_views()
         chain = self.bench.chain

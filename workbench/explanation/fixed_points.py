@@ -27,7 +27,7 @@ _SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class FixedPoints:
-    """How far fixed reflectors moved from the first to the last fifth of a recording, mm, in the instrument's frame.
+    """Motion of fixed reflectors from the first to the last fifth of a recording, mm, in the instrument's frame.
 
     `measured` (3,) and its `std` (3,) from the scatter; `found`, `found_std` (3,) what the base's drift in the model
     makes of the same points, None where no drift was found. `reflectors`: their numbers.

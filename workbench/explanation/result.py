@@ -51,7 +51,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Views:
-    """What the page draws. n samples; residuals (c, n) in `unit`, predicted minus measured.
+    """Data of the figures of the page. n samples; residuals (c, n) in `unit`, predicted minus measured.
 
     `points` (3, n) mm in the robot's root frame or (2, n) px in the image; `names` of the residual's components;
     `chain`: places of the measuring chain in order; `covariates` name -> (n,).
@@ -270,7 +270,7 @@ def _scale(scale: tuple[float, float] | None) -> dict | None:
 
 
 def options_of(effects) -> dict:
-    """What an effect was made with in addition to its place, as JSON: order, joint, instant, seat, width ..."""
+    """Options of an effect in addition to its place, as JSON: order, joint, instant, seat, width ..."""
     options = {}
     for effect in effects:
         inner = getattr(effect, "inner", effect)  # a law with jointly estimated masses is that law

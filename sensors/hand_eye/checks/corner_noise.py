@@ -1,4 +1,4 @@
-"""What the noise of the corners alone makes of the board pose of each image, with no robot involved."""
+"""Uncertainty of the board pose of each image from the noise of its corners alone, with no robot involved."""
 
 from dataclasses import dataclass
 

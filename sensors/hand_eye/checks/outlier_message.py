@@ -8,7 +8,7 @@ _NAMED = 6
 
 
 def outlier_sentence(review: Review, names: Sequence[str]) -> str | None:
-    """What is wrong with the outlying images of a review, and what to do; None where there are none.
+    """State what is wrong with the outlying images of a review, and what to do; None where there are none.
 
     names: of the images, or of the rows with their poses.
     """

@@ -1,4 +1,4 @@
-"""Which flange pose belongs to which image: an assignment found from quantities that need no hand-eye transform.
+"""Assignment of flange poses to images, found from quantities that need no hand-eye transform.
 
 Flange and camera are one rigid body, so between two images both rotate by the same angle and shift by the same
 distance along the rotation axis, whatever the hand-eye transform (Chen, CVPR 1991).

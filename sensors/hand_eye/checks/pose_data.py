@@ -27,7 +27,7 @@ class PoseData:
 
 @dataclass(frozen=True)
 class Freedom:
-    """What is estimated besides one sensor pose and one board pose.
+    """Parameters that are estimated besides one sensor pose and one board pose.
 
     `scale`: a common factor of all flange positions. `sensor_from`, `board_from`: number of the image from which on
     the sensor, or the board, has another pose.
@@ -77,5 +77,5 @@ class PoseFit:
 
 
 def kept_images(count: int) -> int:
-    """How many of `count` images enter the trimmed RMS."""
+    """Number of the `count` images that enter the trimmed RMS."""
     return max(int(np.ceil(_KEPT * count)), min(count, 3))

@@ -61,7 +61,7 @@ def relative_motions(flange: np.ndarray, seen: np.ndarray, kind: str) -> Relativ
 
 
 def scale_gap(motions: RelativeMotions) -> tuple[str, str] | None:
-    """What is wrong and what to do where images and flange show different lengths, as parts of a sentence."""
+    """State what is wrong and what to do where images and flange show different lengths, as parts of a sentence."""
     if motions.scale_low <= 1 + _SCALE and motions.scale_high >= 1 - _SCALE:
         return None
     what = (
@@ -124,7 +124,7 @@ def _still_px(view) -> float:
 
 
 def equal_poses_sentence(wrong: Sequence[tuple[int, int, float]], names: Sequence[str]) -> str:
-    """What `wrong_equal_poses` means, as a part of a sentence; names (P,) of the images."""
+    """State the meaning of `wrong_equal_poses`, as a part of a sentence; names (P,) of the images."""
     first, later, px = wrong[0]
     count = len({row for a, b, _ in wrong for row in (a, b)})
     images = "all" if count == len(names) else f"{count} of {len(names)}"

@@ -44,7 +44,7 @@ UNEXPLAINED = "unexplained"
 
 @dataclass(frozen=True)
 class Finding:
-    """What looks wrong: `cause` a short name, `sentence` for people; `certain`: the recorded data cannot be right.
+    """A suspected mistake: `cause` a short name, `sentence` for people; `certain`: the recorded data cannot be right.
 
     `corrected_mm`: scatter of the board with the mistake undone, nan where that is not known.
     """
@@ -88,13 +88,13 @@ class Review:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What to say."""
+        """The sentences of the review."""
         return tuple(finding.sentence for finding in self.findings)
 
 
 @dataclass(frozen=True)
 class Named:
-    """How the images are called in sentences, and where the sensor is: kind "in-hand" or "to-hand"."""
+    """Names of the images in sentences, and the place of the sensor: kind "in-hand" or "to-hand"."""
 
     images: Sequence[str]
     kind: str
@@ -185,7 +185,7 @@ def _is_better(reviewed, alternative: Alternative, tried: int) -> bool:
 
 
 def _sentence(reviewed, best: Alternative, others, near) -> str:
-    """What happened, why it matters, what to do."""
+    """State what happened, why it matters, what to do."""
     also = f" (explained as well: {'; '.join(others[:2])})" if others else ""
     rest = "" if near else "; a part of the error remains unexplained"
     return (

@@ -1,4 +1,4 @@
-"""What errors shared by the corners of many images add to the covariance of a hand-eye transform.
+"""Covariance of a hand-eye transform from errors that the corners of many images share.
 
 The maximum-likelihood adjustment of pixels takes the errors of corners as independent; `shared_errors` says what else
 displaces them and how such variances are propagated.
@@ -54,7 +54,7 @@ class Misfit:
 
     @property
     def sentence(self) -> str:
-        """What is wrong, what it does to the result, what to do."""
+        """State what is wrong, what it does to the result, and what to do."""
         return (
             "board or camera model do not fit the images: corners are displaced by the same in many images (1 sigma: "
             f"{self.errors.names}; independent noise {self.errors.noise:.2g} px), which more images do not average "

@@ -1,4 +1,4 @@
-"""What a hand-eye adjustment knows, and what it does not: covariance that is infinite along what nothing determines.
+"""Covariance of the parameters of a hand-eye adjustment: infinite along directions that nothing determines.
 
 The adjustment holds undetermined directions with a weak prior, to stay where it is. Its covariance
 there would be that prior's, a number that no datum stands behind; here it becomes infinite.
@@ -49,7 +49,7 @@ class ParameterCovariance:
 
 
 def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
-    """What an `Adjusted` knows, where the flange moved as it did.
+    """Covariance of the parameters of an `Adjusted`, for the motions that the flange made.
 
     Only parameters without a prior are judged; those with a prior (a camera) are adjusted with
     them. A direction is open where the data know less of it than a typical size, or where the flange's

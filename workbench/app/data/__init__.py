@@ -1,1 +1,1 @@
-"""What the app shows, as plain arrays: runs and recordings, chosen rows, images with what was detected in them."""
+"""Data of the app as plain arrays: runs and recordings, chosen rows, images with what was detected in them."""

@@ -1,4 +1,4 @@
-"""Where arm, sensor and instrument stand: forward kinematics of the nominal arm for the rows that are drawn."""
+"""Poses of arm, sensor and instrument: forward kinematics of the nominal arm for the rows that are drawn."""
 
 from dataclasses import dataclass
 from functools import lru_cache

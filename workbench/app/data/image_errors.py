@@ -33,7 +33,7 @@ def image_errors(opened: Opened) -> tuple[ImageError, ...]:
 
 
 def camera_answer(opened: Opened) -> Mapping:
-    """What the run states of the camera that it calibrated; {} where it calibrated none."""
+    """Statements of the run on the camera that it calibrated; {} where it calibrated none."""
     answer = opened.answer or {}
     paths = ((), ("camera",), ("calibration", "camera"), ("sensor", "calibration", "camera"))
     for path in paths:

@@ -5,7 +5,7 @@ from threading import Lock
 
 
 class Memo:
-    """What a key was computed to be, for the `most` latest keys.
+    """Cache of computed values, for the `most` latest keys.
 
     Several threads may ask: the first figures are prepared in the background. Nobody waits for the result of another
     thread, so that a click never waits for a preparation; the same result is then computed twice.
@@ -17,7 +17,7 @@ class Memo:
         self._lock = Lock()
 
     def get(self, key: tuple, compute: Callable):
-        """What `compute` gives, computed once for a key."""
+        """Result of `compute`, computed once for a key."""
         with self._lock:
             if key in self._known:
                 return self._known[key]

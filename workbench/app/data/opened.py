@@ -1,4 +1,4 @@
-"""What `workbench open` opens: a run folder with its recording, or a recording alone."""
+"""Subject of `workbench open`: a run folder with its recording, or a recording alone."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -106,7 +106,7 @@ class Opened:
 
 
 def open_subject(subject: str | None, recording: str | None = None) -> Opened:
-    """What a person names: a run folder, a recording, or None for the newest run.
+    """Open what a person names: a run folder, a recording, or None for the newest run.
 
     recording: the run's recording where it is no longer where it was. Raises InputError.
     """

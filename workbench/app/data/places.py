@@ -1,4 +1,4 @@
-"""Where the residuals of a diagnosis are in space: its files hold the residuals, its model says the places."""
+"""Residuals of a diagnosis in space: its files hold the residuals, its model gives the places."""
 
 from dataclasses import replace
 

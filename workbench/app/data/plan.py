@@ -1,4 +1,4 @@
-"""What the next calibration fits: stages and effects of the opened run with those that the session changes."""
+"""Plan of the next calibration: stages and effects of the opened run with those that the session changes."""
 
 from collections.abc import Iterable
 
@@ -48,14 +48,14 @@ def _stages(opened: Opened) -> list[dict]:
 
 
 def _state(fitted: dict | None, is_excluded: bool) -> str:
-    """What became of a stage in the opened run; fitted: its row there, None where the run did not fit it."""
+    """State of a stage in the opened run; fitted: its row there, None where the run did not fit it."""
     if fitted is not None:
         return "retained" if fitted["earned"] else "not retained"
     return "excluded" if is_excluded else "part of the next run"
 
 
 def plan_sentence(session: Session) -> str:
-    """Which plan the next calibration uses."""
+    """State which plan the next calibration uses."""
     if session.command != CALIBRATE:
         return ""
     name = session.plan or "the default plan"

@@ -1,4 +1,4 @@
-"""Which image shows a sample: that of the light plane nearest to the measured ball, else the middle one."""
+"""Image of a sample: that of the light plane nearest to the measured ball, else the middle one."""
 
 from collections import defaultdict
 

@@ -1,4 +1,4 @@
-"""What the changes of a session do to a recording and to a plan."""
+"""Application of the changes of a session to a recording and to a plan."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

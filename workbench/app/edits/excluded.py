@@ -62,7 +62,7 @@ def _reasons(session: Session, kind: str, numbers: Iterable[int]) -> dict[int, s
 
 
 def excluded_pose_count(session: Session, recording) -> int:
-    """How many poses a session excludes, however many of their samples it names."""
+    """Number of poses that a session excludes, however many of their samples it names."""
     return len(np.unique(_given_poses(session, recording)[1]))
 
 

@@ -45,7 +45,7 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class Session:
-    """What `workbench calibrate --session` does.
+    """Settings and changes that `workbench calibrate --session` applies.
 
     `recording`: folder or known name; `plan`, `scanner` and `camera`: files, "" for none; `folds` of the
     cross-validation; `changes` in the order in which they were made; `command` "calibrate", "camera" or "handeye";
@@ -81,7 +81,7 @@ class Session:
 
     @cached_property
     def _excluded_by_kind(self) -> dict[str, frozenset]:
-        """What `excluded` has found so far: a brush excludes up to a million samples."""
+        """Cached result of `excluded`: a brush excludes up to a million samples."""
         return {}
 
     def _find_excluded(self, kind: str) -> frozenset:
@@ -137,7 +137,7 @@ def _included_by(change: Change, kind: str) -> set[str]:
 
 
 def session_path(subject: str, command: str = "") -> Path:
-    """Where edits of a recording are kept: a folder of its own under runs/.
+    """Path of the edits of a recording: a folder of its own under runs/.
 
     command: that made the opened run. Edits of a hand-eye calibration lie apart from those of the camera of the same
     images.

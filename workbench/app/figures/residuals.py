@@ -78,7 +78,7 @@ def _box(work: Workspace) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _enlargement(work: Workspace) -> float:
-    """How many times the drawn arrows are enlarged, so that they can be seen in a scene with the arm too."""
+    """Factor by which the drawn arrows are enlarged, so that they can be seen in a scene with the arm too."""
     from workbench.report.calibration.scene import arrow_scale
 
     def compute():

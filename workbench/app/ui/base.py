@@ -1,4 +1,4 @@
-"""What the tabs share: the page's state, messages, and figures that are sent when their tab is shown."""
+"""Base of the tabs: the page's state, messages, and figures that are sent when their tab is shown."""
 
 import asyncio
 import functools
@@ -133,7 +133,7 @@ class Page:
         state.report = self.link_of(opened.folder)
 
     def stopped_text(self) -> str:
-        """What a person reads once the server has ended: whether edits are kept, and how to go on."""
+        """Message once the server has ended: whether edits are kept, and how to go on."""
         start = "To continue, start `workbench open` again and open the address that it prints."
         if self.work is None:
             return (
@@ -210,7 +210,7 @@ class Tab:
 
     @property
     def work(self) -> Workspace:
-        """What is open."""
+        """The opened run or recording."""
         return self.page.work
 
     def build(self) -> None:
@@ -380,7 +380,7 @@ class Tab:
 
 
 def _waiting(is_waiting: str) -> None:
-    """What stands in place of a figure until it is there. is_waiting: expression of the browser."""
+    """Placeholder of a figure until it is there. is_waiting: expression of the browser."""
     with html.Div(v_if=is_waiting, classes="pa-4", style="position: absolute; width: 100%"):
         v3.VProgressLinear(indeterminate=True, color="primary", **raw(aria_label="Drawing"))
         html.Div("Drawing ...", classes="mt-2")

@@ -20,7 +20,7 @@ _HEADS = {"where": "Place", "size": "RMS size", "why": "Reason"}
 
 
 class DiagnosisTab(Tab):
-    """Which unmodelled effects were found, and where."""
+    """Tab of the unmodelled effects that were found, and their places."""
 
     name, title = "diagnosis", "Diagnosis"
     contexts = 4

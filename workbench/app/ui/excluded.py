@@ -107,7 +107,7 @@ class ExcludedList:
 
 
 def _text(counts: Mapping[str, int]) -> str:
-    """How many samples and poses are excluded, "" for none."""
+    """State how many samples and poses are excluded, "" for none."""
     parts = [counted(count, kind.removesuffix("s")) for kind, count in counts.items() if count]
     if not parts:
         return ""

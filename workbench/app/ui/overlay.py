@@ -31,7 +31,7 @@ def set_overlay(name: str, state, overlay: Overlay) -> None:
 
 
 def brush_of(handle: Callable, server, *names: str) -> str:
-    """What the browser does where the mouse is pressed over a chart: a brush, which ends in a call of `handle`.
+    """Script of the browser for a mouse press over a chart: a brush, which ends in a call of `handle`.
 
     `handle` gets the rectangle and the values of the fields `names`. plotly's own brush would compute the state of all
     marks and draw them again with each movement of the mouse.

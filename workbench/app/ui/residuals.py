@@ -38,7 +38,7 @@ _HINT = (
 
 
 class ResidualsTab(Tab):
-    """Where the residuals are large, and which samples they belong to."""
+    """Tab of the residuals and the samples that they belong to."""
 
     name, title = "residuals", "Residuals"
     contexts = 4
@@ -441,7 +441,7 @@ def _of_pose(opened, row: int) -> dict:
 
 
 def _checked_mode(mode: object) -> str:
-    """What a click does to the selection; replacing it where the browser sent something else."""
+    """Mode of a click on the selection; "replace" where the browser sent something else."""
     return mode if mode in (REPLACE, EXTEND, REMOVE) else REPLACE
 
 

@@ -29,7 +29,7 @@ _LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
 class SensorTab(Tab):
-    """What the run says of the sensor."""
+    """Tab of the sensor's results."""
 
     name, title = "sensor", "Sensor"
     contexts = 5

@@ -1,4 +1,4 @@
-"""How a person looks at a figure: buttons that zoom, rotate and reset it, and what the mouse wheel does.
+"""View of a figure: buttons that zoom, rotate and reset it, and the action of the mouse wheel.
 
 plotly's own wheel zoom of a scene depends on the time between two frames: where drawing is slow, one notch shrinks the
 scene to a dot. The wheel therefore scrolls the page; with Ctrl it zooms a chart.
@@ -55,7 +55,7 @@ class Seen:
         self._made, self._camera, self._changes = plot, camera, changes
 
     def to_plotly_json(self) -> dict:
-        """What the browser draws. Another `uirevision` has it forget how the figure was turned or zoomed by mouse."""
+        """Figure as JSON for the browser. Another `uirevision` makes it forget rotation and zoom by mouse."""
         found = self._made.to_plotly_json()
         layout = found["layout"]
         if self._changes:

@@ -19,7 +19,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,79}")
 
 @dataclass
 class Draft:
-    """What the wizard holds; `table` None where there is none, `trial` None while a mapping is not tested.
+    """State of the wizard; `table` None where there is none, `trial` None while a mapping is not tested.
 
     `robot` and `artefact`: a built-in name or a dropped file, FILE#LINK for one of several arms, "" for none.
     `board`, `sigma`, `ball_radius`: text fields. The mapping holds what the headers state and what the user changed.

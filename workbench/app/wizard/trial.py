@@ -25,7 +25,7 @@ class _Unanswered(Exception):
 
 @dataclass
 class Trial:
-    """What an import makes of the files: exactly one of `result`, `question` and `problem` is set.
+    """Result of a trial import: exactly one of `result`, `question` and `problem` is set.
 
     The recording lies in `scratch` until `keep` moves it.
     """

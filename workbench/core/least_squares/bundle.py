@@ -144,7 +144,7 @@ def solve_bundle(
 
 @dataclass
 class _Point:
-    """Where a solve stands: values, and of each part residual (m, N), its whitened square (N,) and weights (N,)."""
+    """State of a solve: values, and of each part residual (m, N), its whitened square (N,) and weights (N,)."""
 
     parameters: Parameters
     values: dict[str, np.ndarray]

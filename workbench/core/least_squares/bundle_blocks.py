@@ -166,7 +166,7 @@ class Blocks:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where unknowns stand: `shared` free parameters first, then the groups of each kept family.
+    """Order of the unknowns: `shared` free parameters first, then the groups of each kept family.
 
     `offset` of each kept family among the dense unknowns, `length` L of every family.
     """
@@ -365,7 +365,7 @@ def _add_groups(total, groups, parts):
 
 
 def _samples(labels, model):
-    """How many samples a model has."""
+    """Number of samples of a model."""
     if labels:
         return len(next(iter(labels.values())))
     return model.residual(model.parameters).shape[1]

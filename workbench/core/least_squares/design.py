@@ -39,7 +39,7 @@ class Design:
 
     @property
     def gain(self) -> float:
-        """How many times better than the median random set; above 1 is better."""
+        """Ratio to the median random set; above 1 is better."""
         usual = float(np.median(self.random))
         if not usual or not self.value:  # nothing is determined: no ratio says anything
             return 1.0 if usual == self.value else float("nan")

@@ -1,4 +1,4 @@
-"""Which parameters the data determine one by one, under the priors of the fit.
+"""Parameters that the data determine one by one, under the priors of the fit.
 
 A parameter is determined where the fit leaves it a standard deviation of at most half of what was known before:
 the data then hold at least three times the information of the prior. A direction in which single parameters have

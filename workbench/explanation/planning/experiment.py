@@ -125,7 +125,7 @@ def next_experiment(
 
 
 def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
-    """How many more poses would confirm what an unknown most likely is; "" where no refused term is likely.
+    """State how many more poses would confirm the most probable unknown; "" where no refused term is likely.
 
     A t grows with the root of the number of poses.
     """
@@ -176,7 +176,7 @@ def _resembles_backlash(found) -> bool:
 
 
 def sides_from_moves(chain) -> str:
-    """What to record where a robot's recording does not state the side of approach; "" where it does.
+    """State what to record where a robot's recording does not state the side of approach; "" where it does.
 
     chain: of the bench; None or a scanner's where no joint has backlash.
     """
@@ -319,7 +319,7 @@ def _fitted(bench, others, pair: ConfoundedPair) -> _Fitted:
 def _information_gain(
     bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording
 ) -> dict | None:
-    """How far apart the two would stand with the plan's best poses."""
+    """Expected separation of the two explanations with the plan's best poses."""
     rows, places_of_term, prior, typical = _rows(bench, fitted, pair, plan)
     n = bench.chain.n
     size = np.zeros(rows.shape[2])
@@ -398,7 +398,7 @@ def _capital(text: str) -> str:
 def describe_comparison(
     pair: ConfoundedPair, rows: Sequence[tuple[Mapping, CandidateRecording]]
 ) -> str:
-    """What `compared` found, as a sentence or two."""
+    """Describe what `compared` found in a sentence or two."""
     best, plan = rows[0]
     if best["samples_needed"] == 0:
         return (

@@ -119,7 +119,7 @@ def _short(where: str) -> str:
 
 
 def side(x: float, first: float, last: float) -> str:
-    """Where a label is attached to its place, so that one at an end of the chain stays in the figure."""
+    """Anchor of a label, chosen so that one at an end of the chain stays in the figure."""
     share = (x - first) / max(last - first, 1e-9)
     return "left" if share < 0.05 else "right" if share > 0.95 else "center"
 

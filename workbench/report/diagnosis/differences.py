@@ -1,4 +1,4 @@
-"""What a recording and its simulation differ by, on the page of a diagnosis: parameters, noise, physics."""
+"""Differences between a recording and its simulation, on the page of a diagnosis: parameters, noise, physics."""
 
 from collections.abc import Mapping
 

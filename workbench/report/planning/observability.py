@@ -1,4 +1,4 @@
-"""What the observability indices O1 to O5 say, and how they are shown."""
+"""Meaning and presentation of the observability indices O1 to O5."""
 
 from collections.abc import Mapping, Sequence
 
