@@ -100,7 +100,7 @@ def of_best_step(recording):
     (grid,) = (g for g in kind.grids(bench.chain) if g.where == "tool")
     trial = _Trial(bench, (), (grid.make(630.0),))
     steps = [(grid.make(t),) for t in grid.values]
-    best = max(steps, key=lambda step: trial.gain(trial.basis(bench.chain.state, step)))
+    best = max(steps, key=lambda step: trial.gain(trial.basis(bench.chain.state, step), trial.y))
     found = {one.kind: one for one in controls(bench, (), best)}
     return found[ROTATED]
 

@@ -2,7 +2,9 @@
 
 Permutation: the derivative of the measurement stays as it is; only what the effect reads of its samples (angles,
 torques, sides of approach, temperatures) is given to other poses. A gain that remains was not due to the
-cause. What a permuted cause can make of the fitted effect itself it gains in any case: that is taken off.
+cause. A permuted cause with many coefficients makes a part of any effect, the fitted one included. Its gain is
+therefore that in the residual of the full model (ter Braak, in: Jöckel et al., Bootstrapping and Related Techniques
+(1992) 79; Anderson & Legendre, J. Stat. Comput. Simul. 62 (1999) 271).
 
 Circular shift, for what reads the clock. Its instant (or time constant) was selected, and a step shifted by a part of
 the recording overlaps with itself. What is shifted is therefore the residual that remains next to it against the time,
@@ -59,10 +61,10 @@ def controls(
     if trial.permuted_change(np.random.default_rng(seed)) < MAJORITY:
         why = "its cause is nearly the same at every pose, so that permuted poses hardly change it"
         return (Control(PERMUTED, None, None, None, why=why), *_of_time(trial, rng))
-    gains = np.array([trial.gain(trial.permuted(rng)) for _ in range(_TRIALS)])
+    residual = trial.y - trial.fitted
+    gains = np.array([trial.gain(trial.permuted(rng), residual) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
-    chance = trial.chance_share(rng)
-    share = max(trial.share_beyond_chance(float(np.median(gains))) - chance, 0.0) / (1 - chance)
+    share = trial.share_beyond_chance(float(np.median(gains)))
     permutation = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
     return (*permutation, *_of_time(trial, rng))
 
@@ -138,7 +140,7 @@ class _Trial:
             self._values = self._fitted_values(bench, others, part)
             self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others, part)
         self._precision = self._precision_of(bench, others, part)
-        self.own = self.gain(self.small)
+        self.own = float(self.gain(self.small, self.y))
         columns = self.columns(self.small)
         gram = columns.T @ self._left(columns)
         posterior = gram + np.diag(self._precision)
@@ -191,7 +193,7 @@ class _Trial:
 
     def best_gains(self, variants, state, y: np.ndarray) -> np.ndarray:
         """() or (S,) largest gain of any of some tuples of effects in a state, for y (N,) or (N, S)."""
-        return np.max([self._explained(self.basis(state, e), y) for e in variants], axis=0)
+        return np.max([self.gain(self.basis(state, e), y) for e in variants], axis=0)
 
     def _rows(self, bench, others, part):
         model, fit, _ = bench.solve(others, part, is_complete=False)
@@ -221,11 +223,7 @@ class _Trial:
             small = self.problem.ends.joined(moved.reshape(len(moved), -1))
         return small.reshape(len(small), -1).T
 
-    def gain(self, small) -> float:
-        """Fall of the whitened sum of squares and priors."""
-        return float(self._explained(small, self.y))
-
-    def _explained(self, small, y: np.ndarray) -> np.ndarray:
+    def gain(self, small, y: np.ndarray) -> np.ndarray:
         """Fall () or (S,) of the sums of squares of y (N,) or (N, S), of which the others are fitted, with the columns.
 
         With the priors of the others, whose hat matrix is B B', and the columns' own, of precisions L:
@@ -247,18 +245,6 @@ class _Trial:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""
         chance = self.count * self.noise
         return max(gain - chance, 0.0) / max(self.own - chance, 1e-300)
-
-    def chance_share(self, rng) -> float:
-        """Share (0-1) of what the effects make at other poses that they make from yet others, at most a half.
-
-        As many functions of poses explain that much of each other, whatever they depend on: a lot where poses are few.
-        """
-        shares = []
-        for _ in range(_SHIFTS):
-            contribution = self._left(self.columns(self.permuted(rng)) @ self.coefficients)
-            length = float(contribution @ contribution)
-            shares.append(self._explained(self.permuted(rng), contribution) / max(length, 1e-300))
-        return min(float(np.median(shares)), MAJORITY)
 
     def permuted_change(self, rng) -> float:
         """Median share of the fitted effect (of its sum of squares, 0 to about 2) that a permutation changes."""
