@@ -19,7 +19,8 @@ from workbench.core.errors import InputError
 # prior weight of the low orders: eccentric gears and encoders make one and two cycles a revolution; more are rarer
 _LOW_ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
 _HIGH_ORDERS = 0.2  # of all orders beyond these together
-_HIGHEST_ORDER, _HIGHEST_HALF, _HALF_WEIGHT = 200.0, 40.0, 0.2
+# strain wave gears of arms have ratios up to 161 and make two cycles a revolution of their wave generator
+_HIGHEST_ORDER, _HIGHEST_HALF, _HALF_WEIGHT = 322.0, 40.0, 0.2
 _MOVES_RAD = 0.2  # range of a joint below which no order is distinguishable
 _PLANNED_RAD = 0.35  # and below which the default plan fits none
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
@@ -73,7 +74,7 @@ class TransmissionHarmonic(Effect):
 
     @classmethod
     def grids(cls, chain):
-        """The orders from 4.5 to 200 at the same joints, and those of the motor where the gear ratio is stated."""
+        """The orders from 4.5 to 322 at the same joints, and those of the motor where the gear ratio is stated."""
         for where in turning_joints(chain, _MOVES_RAD):
             number = cls(where).number
             orders, weights = high_orders(chain.robot.gear_ratio[number - 1])
