@@ -32,10 +32,17 @@ class Payload(Effect):
     equation = "m -> m + d, m c -> m c + h, all the time or after an instant"
     source = "load identification: Khalil, Gautier & Lemoine, ICRA 2007; Swevers et al., IEEE Control Syst. 27 (2007)"
     unrecorded = "payload_kg"
+    distinguished_by = "weigh the load and the tool"
 
     def __init__(self, where: str, after: float | None = None):
         super().__init__(where)
         self.after = after
+
+    @property
+    def confounded_with(self):
+        """In all poses a constant load weighs as much as another mass of the last link than the robot file states."""
+        label = "mass or centre of mass of the last link or the tool, wrong in the robot file"
+        return (("stated-masses", self.where, label),) if self.after is None else ()
 
     @classmethod
     def candidates(cls, chain):
