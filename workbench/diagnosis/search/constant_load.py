@@ -27,6 +27,7 @@ from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
@@ -54,11 +55,37 @@ def accept_constant_loads(search: Search) -> None:
             continue
         trial = _solved_with(search, likeliest, load)
         if trial is not None and _gain(search, trial) > LEAST_LOG_ODDS:
-            search.accepted = trial.accepted
-            search.infeasible = trial.infeasible
-            search.record_terms(search.accepted)
-            search.solve()
-            order_by_gain(search)
+            _take_over(search, trial)
+
+
+def prefer_stated_masses(search: Search) -> None:
+    """Exchange each law whose masses are estimated for that with the stated ones, where this is clearly likelier.
+
+    What was accepted after it, a load above all, may explain what the masses were estimated for. Not next to a random
+    effect, as above.
+    """
+    for i in search.accepted_indices if search.random_effect is None else ():
+        accepted = search.accepted[i]
+        if not accepted.label.startswith(LABEL):
+            continue
+        table = search.full_table(search.other_indices(i))
+        stated = next((h for h in table if h.key == accepted.key and _deflects(h)), None)
+        if stated is None:
+            continue
+        terms = (*search.accepted[:i], stated, *search.accepted[i + 1 :])
+        trial = Search(search.bench, search.samples, search.level, lambda line: None, terms)
+        trial.noise_factors, trial.infeasible = search.noise_factors, search.infeasible
+        trial.solve_feasible()
+        if len(trial.accepted) == len(terms) and _gain(search, trial) > LEAST_LOG_ODDS:
+            _take_over(search, trial)
+
+
+def _take_over(search: Search, trial: Search) -> None:
+    """Accept what a trial has accepted."""
+    search.accepted, search.infeasible = trial.accepted, trial.infeasible
+    search.record_terms(search.accepted)
+    search.solve()
+    order_by_gain(search)
 
 
 def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | None:

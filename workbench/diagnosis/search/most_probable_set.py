@@ -95,7 +95,8 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
     chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))
     for pool in pools:
-        for h in _at_current_solution(search, pool):
+        possible = [h for h in pool if name_of(h) not in search.infeasible]
+        for h in _at_current_solution(search, possible):
             chosen.setdefault(name_of(h), h)
     return list(chosen.values()), present
 

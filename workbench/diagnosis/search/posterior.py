@@ -22,7 +22,7 @@ from workbench.diagnosis.levels import (
 )
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
-from workbench.diagnosis.search.constant_load import accept_constant_loads
+from workbench.diagnosis.search.constant_load import accept_constant_loads, prefer_stated_masses
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
 from workbench.diagnosis.search.objective import LogPosterior, Members
@@ -217,6 +217,7 @@ def exchange_terms(search) -> None:
     _exchange_laws(search)
     _exchange_elastic(search)
     accept_constant_loads(search)
+    prefer_stated_masses(search)
     refine_options(search)
     refine_instants(search)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from workbench.diagnosis.levels import CRITICAL_T
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Problem
@@ -78,19 +79,41 @@ class Search:
         self.tables = {}
 
     def solve_feasible(self):
-        """`solve`; a load whose mass comes out negative is no longer searched, and all is solved without it.
+        """`solve`; what no machine has is no longer searched, and all is solved without it.
 
-        A constant load of negative mass is an error of the masses or laws of the compliances, not a load.
+        A constant load of negative mass is an error of the masses or laws of the compliances, not a load. A negative
+        compliance stands for something else: a spring, or an error of the masses.
         """
         self.solve()
-        effects = [e for h in self.accepted for e in h.effects]
-        loads = negative_masses(self.bench, effects, self.samples)
-        lost = [h for h in self.accepted if any(e is load for e in h.effects for load in loads)]
-        if lost:
+        while lost := self._negative_compliances() or self._negative_loads():
             self.infeasible |= {name_of(h) for h in lost}
             self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.infeasible)
-            self.log_step("; ".join(f"{h.effect} {h.label}: its mass is negative" for h in lost))
+            self.log_step("; ".join(f"{h.effect} at {h.where}: it is negative" for h in lost))
             self.solve()
+
+    def _negative_loads(self) -> list[Hypothesis]:
+        effects = [e for h in self.accepted for e in h.effects]
+        loads = negative_masses(self.bench, effects, self.samples)
+        return [h for h in self.accepted if any(e is load for e in h.effects for load in loads)]
+
+    def _negative_compliances(self) -> list[Hypothesis]:
+        """The law with the most significantly negative compliance, where another one is as significantly positive.
+
+        Where all are negative, gravity points elsewhere than the robot file states. None of laws with several numbers.
+        """
+        laws = [i for i in self.accepted_indices if self.accepted[i].carries_load]
+        ratios = {i: self._value_over_std(i) for i in laws if self.problem.added[i].shape[1] == 1}
+        if len(laws) < 2 or not ratios:
+            return []
+        lowest = min(ratios, key=ratios.get)
+        others = [self.problem.values[i][0] > 0 for i in laws if i != lowest]
+        return [self.accepted[lowest]] if ratios[lowest] < -CRITICAL_T and any(others) else []
+
+    def _value_over_std(self, i: int) -> float:
+        """The parameter of an accepted hypothesis over its standard deviation, conditional on the others."""
+        bare = self.problem.conditional_on(self.other_indices(i))
+        length = np.linalg.norm(bare.orthogonalise(self.problem.added[i][:, 0]))
+        return float(self.problem.values[i][0] * length / np.sqrt(self.variance()))
 
     def converged(self) -> Problem:
         """The problem about a complete solution: the search itself needs none, but single samples are judged by it."""
