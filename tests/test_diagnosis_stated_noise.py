@@ -9,6 +9,7 @@ import tomli_w
 
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
+from workbench.explanation.noise.heavy_tails import heavy_tails
 from workbench.explanation.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.explanation.planning.experiment import CLEAN, next_experiment
 from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
@@ -65,6 +66,18 @@ def test_a_right_statement_raises_no_alarm(kind, repeats):
     assert sum(one is not None for one in found) <= 3
 
 
+@pytest.mark.parametrize("poses", [60, 150])
+def test_heavy_tails_are_found_with_their_degrees_of_freedom(poses):
+    rng = np.random.default_rng(2)
+    assert not any(heavy_tails(stated(rng, poses=poses)) for _ in range(60))
+    found = [heavy_tails(stated(rng, poses=poses, kind="heavy tails")) for _ in range(20)]
+    rows = [term.parameters for term in found if term is not None]
+    # a fit of 33 parameters to 60 poses mixes their noise, which then is less heavy-tailed
+    assert len(rows) >= (3 if poses == 60 else 15)
+    off = [(degrees["value"] - 4) / degrees["std"] for degrees, _ in rows]
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
 @pytest.mark.parametrize("repeats, source", [(1, "from residuals"), (4, "from replicates")])
 @pytest.mark.parametrize("factor", [1 / 3, 0.6, 1.9, 3.0])
 def test_a_wrong_statement_is_found_with_its_factor(factor, repeats, source):
@@ -79,6 +92,8 @@ def test_structure_that_is_left_is_no_noise():
     """Without replicates nothing is said of the noise while something in the residual is not explained."""
     wrong = stated(np.random.default_rng(1), 2.0)
     assert compare(wrong, False) is not None and compare(wrong, True) is None
+    too_large = compare(stated(np.random.default_rng(1), 0.5), True)
+    assert too_large is not None and too_large.factor < 0.7
     repeated = stated(np.random.default_rng(1), 2.0, repeats=4)
     assert compare(repeated, True) is not None
 
@@ -106,6 +121,23 @@ def test_findings_on_the_noise_alone_are_no_unmodelled_effects():
     assert verdict_of((noise, gear), 1e-6) == EXPLAINED
     bench = SimpleNamespace(pose=np.arange(3), chain=None)
     assert next_experiment(bench, (noise,), None, 0.5).sentence == CLEAN
+
+
+def test_heavy_tails_are_no_noise_stated_too_small(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(tomli_w.dumps(SCENE | {"samples": 150, "sigma_mm": 0.001}), encoding="utf-8")
+    recording = simulate(path)
+    rng = np.random.default_rng(1)
+    moved = {
+        name: recording.columns[name] + 0.02 * rng.standard_t(2.5, recording.n)
+        for name in ("x_mm", "y_mm", "z_mm")
+    }
+    recording = replace(recording, columns={**recording.columns, **moved}, sigma_mm=0.02)
+    made = diagnose(recording)
+    (term,) = made.terms
+    assert made.verdict == CONSISTENT and term.finding.effect == "noise-heavy-tailed"
+    sentence = check_diagnosis(made, recording).verdict.sentence
+    assert "agrees with the noise" in sentence and "heavy-tailed" in sentence
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.9, 3.0, 0.4])

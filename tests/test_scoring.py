@@ -21,10 +21,19 @@ def truth_of(*effects, noise="Gaussian"):
 
 
 @pytest.mark.parametrize(
-    "noise, outcome, is_wrong", [(WRONG_SIGMA, "right", False), ("Gaussian", "false alarm", True)]
+    "effect, noise, outcome, is_wrong",
+    [
+        ("stated-noise", WRONG_SIGMA, "right", False),
+        ("stated-noise", "Gaussian", "false alarm", True),
+        ("noise-heavy-tailed", "heavy-tailed", "right", False),
+        ("noise-heavy-tailed", WRONG_SIGMA, "false alarm", True),
+    ],
 )
-def test_a_wrong_stated_sigma_may_be_named_only_where_it_is_wrong(noise, outcome, is_wrong):
-    found = scoring.judged(truth_of(noise=noise), answer_of("explained", NOISE_CLAIM))
+def test_a_finding_on_the_noise_is_right_only_where_the_noise_is_such(
+    effect, noise, outcome, is_wrong
+):
+    said = answer_of("explained", NOISE_CLAIM | {"effect": effect})
+    found = scoring.judged(truth_of(noise=noise), said)
     assert found["outcome"] == outcome
     assert found["confidently_wrong"] is is_wrong
 

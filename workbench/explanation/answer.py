@@ -9,6 +9,7 @@ import numpy as np
 
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.errors import InputError
+from workbench.core.model import NOISE
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.estimates import Options, with_variation
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
@@ -29,6 +30,7 @@ from workbench.explanation.minimal_detectable_bias import minimal_detectable_bia
 from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
+from workbench.explanation.noise.heavy_tails import heavy_tails
 from workbench.explanation.noise.noise_terms import noise_terms
 from workbench.explanation.planning.experiment import missing_of, next_experiment
 from workbench.explanation.plausible_values import implausible_values
@@ -56,6 +58,7 @@ from workbench.explanation.unexplained import (
     unknown_terms,
 )
 from workbench.files.provenance import provenance
+from workbench.fitting.verdicts.diagnosis_verdict import NOISE_LEVELS
 from workbench.machine.progress import duration, elapsed
 
 IMAGES = ("board-images", "scan-images")
@@ -262,7 +265,7 @@ def _is_above_noise(last: "FinalModel", terms) -> bool:
     if compared is None:
         lack = last.lack()
         return lack is not None and lack["after"]["p_value"] < DATA_FAULT_LEVEL
-    if any(term.finding.effect == stated_noise.EFFECT for term in terms):
+    if any(term.finding.effect in NOISE_LEVELS for term in terms):
         return compared.lack_of_fit() < DATA_FAULT_LEVEL
     return compared.is_exceeded()
 
@@ -279,7 +282,7 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
 
     Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
     pose that no candidate and no smooth function makes. A significant term that was refused is structure that the
-    residual of the final model still contains.
+    residual of the final model still contains. Without structure, heavy-tailed noise has the RMS of the residual.
     """
     compared = last.stated_noise()
     if compared is None:
@@ -287,15 +290,18 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     is_significant = any(term.finding.p_value <= UNMODELLED_LEVEL for term in refused)
     structure_left = is_significant or contains_structure(last.found, terms)
     wrong = stated_noise.compare(compared, structure_left)
+    others = [term for term in terms if term.finding.where == NOISE]
+    heavy = None if structure_left or others else heavy_tails(compared)
+    found, why = None, "the stated noise is wrong"
+    if heavy is not None:
+        found, why = compared.from_residuals(), "the noise is heavy-tailed"
+        terms = (*terms, heavy)
     if wrong is not None:
-        noise = float(
-            np.sqrt(len(compared.white)) * stated_sigma(last.bench.recording) * wrong.factor
-        )
-        proved = replace(
-            proved, noise=noise, noise_from=f"{wrong.source}; the stated noise is wrong"
-        )
-        term = Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong))
-        return proved, (*terms, term)
+        found = wrong
+        terms = (*terms, Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong)))
+    if found is not None:
+        noise = np.sqrt(len(compared.white)) * stated_sigma(last.bench.recording) * found.factor
+        return replace(proved, noise=float(noise), noise_from=f"{found.source}; {why}"), terms
     p = compared.lack_of_fit()
     if not terms and p < UNMODELLED_LEVEL:
         unknown = Finding("unknown", "samples", statements.BY_POSE, (), p, 1.0 - p, 0.0, 0.0)

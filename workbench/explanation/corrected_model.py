@@ -17,13 +17,13 @@ from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.explanation.considered_terms import considered_terms
-from workbench.explanation.noise import stated_noise
 from workbench.explanation.result import Diagnosis
 from workbench.files.solution_file import NAME as SOLUTION
 from workbench.files.solution_file import robot_keys, solution_keys
 from workbench.fitting.plan_file import NAME as PLAN
 from workbench.fitting.plan_file import plan_text
 from workbench.fitting.plans import base_and_tool, geometry
+from workbench.fitting.verdicts.diagnosis_verdict import NOISE_LEVELS
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.corrected_scene import SCENE, corrected_scene, write_scene
 
@@ -139,8 +139,8 @@ def write_model(
 
 def _found_noise(diagnosis: Diagnosis, stated_rms: float | None) -> dict:
     """Keys of a solution.json on a noise that the diagnosis found instead of the stated one; none elsewhere."""
-    is_wrong = any(term.finding.effect == stated_noise.EFFECT for term in diagnosis.terms)
-    if not is_wrong or not stated_rms:
+    is_found = any(term.finding.effect in NOISE_LEVELS for term in diagnosis.terms)
+    if not is_found or not stated_rms:
         return {}
     noise = {"rms_mm": diagnosis.proof.noise, "source": diagnosis.proof.noise_from}
     return {"noise": noise, "noise_factor": diagnosis.proof.noise / stated_rms}

@@ -11,6 +11,7 @@ from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
 from workbench.explanation.minimal_detectable_bias import DetectableBias
 from workbench.explanation.reference import Shares
+from workbench.fitting.verdicts.diagnosis_verdict import NOISE_LEVELS
 from workbench.jobs.sensor.turntables import turntable_json
 
 CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
@@ -157,7 +158,7 @@ class Diagnosis:
     def _differences(self) -> dict | None:
         if self.differences is None:
             return None
-        physics = [t for t in self.terms if t.finding.effect != "stated-noise"]
+        physics = [t for t in self.terms if t.finding.effect not in NOISE_LEVELS]
         return self.differences.as_json([_effect(term, self.unit) for term in physics])
 
 
@@ -321,6 +322,7 @@ def _held_out(proof: Proof, unit: str) -> dict:
         f"before_{unit}": proof.before,
         f"after_{unit}": proof.after,
         f"noise_{unit}": proof.noise,
+        f"expected_{unit}": proof.expected,
         "folds": proof.folds,
         "scheme": proof.scheme,
         "noise_from": proof.noise_from,

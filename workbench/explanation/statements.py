@@ -18,6 +18,7 @@ from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH
 from workbench.diagnosis.search.findings import SAME_FUNCTION
+from workbench.explanation.noise.heavy_tails import EFFECT as HEAVY_TAILED
 from workbench.explanation.result import Term
 from workbench.explanation.words import (
     covariate,
@@ -76,6 +77,8 @@ def _what(term: Term, tip: str, unit: str) -> str:
         return _of_structure(term)
     if found.effect == "stated-noise":
         return _of_stated_noise(term)
+    if found.effect == HEAVY_TAILED:
+        return _of_heavy_tails(term)
     if found.effect == JITTER:
         return _of_jitter(term)
     if found.effect == GhostLine.effect and not found.effects:
@@ -250,6 +253,18 @@ def _of_stated_noise(term: Term) -> str:
         f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
         "All results below use the noise that was found. Correct sigma_mm in the recording: calibration and "
         "tolerances rely on it."
+    )
+
+
+def _of_heavy_tails(term: Term) -> str:
+    """The degrees of freedom, the RMS, what that does to the results, and what to do."""
+    degrees, factor = term.parameters
+    return (
+        "The noise has heavier tails than a Gaussian: a Student's t distribution with "
+        f"{degrees['value']:.2g} ± {degrees['std']:.1g} degrees of freedom describes it. Its RMS is "
+        f"{factor['value']:.2f} ± {factor['std']:.2f} times the stated sigma, mostly by few samples, to which all fits "
+        "give less weight. All results below use the RMS that was found. Look for what disturbs single samples: "
+        "reflections, air, an arm that had not settled."
     )
 
 

@@ -22,7 +22,8 @@ from collections.abc import Mapping, Sequence
 
 CONFIDENT = 0.95
 NAMED = ("exact", "group")
-WRONG_SIGMA = "wrong sigma stated"
+NOISE_CLAIMS = {"stated-noise": "wrong sigma stated", "noise-heavy-tailed": "heavy-tailed"}
+"""Findings on the noise, and the words of a case's noise of which each is the correct claim."""
 """In the truth's words for the noise."""
 
 
@@ -47,7 +48,7 @@ def score(truth: Mapping, record: Mapping) -> dict:
 def judged(truth: Mapping, answer: Mapping) -> dict:
     """Outcome, place, confidence and held-out errors of an answer."""
     true = truth["effects"]
-    answer = without_stated_noise(truth, answer)
+    answer = without_noise_claims(truth, answer)
     found = {
         "detected": _is_detected(answer),
         "first": _first(answer),
@@ -82,13 +83,15 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
     return found | {"outcome": outcome}
 
 
-def without_stated_noise(truth: Mapping, answer: Mapping) -> Mapping:
-    """The answer without the claim that the stated sigma is wrong, where the case does state a wrong one.
+def without_noise_claims(truth: Mapping, answer: Mapping) -> Mapping:
+    """The answer without correct claims on the noise: that the stated sigma is wrong, that it is heavy-tailed.
 
-    That claim is correct and says nothing of the effects; an answer that claims nothing else counts as `consistent`.
+    They say nothing of the effects; an answer that claims nothing else counts as `consistent`.
     """
-    others = [claim for claim in answer["effects"] if claim["effect"] != "stated-noise"]
-    if WRONG_SIGMA not in truth.get("noise", "") or len(others) == len(answer["effects"]):
+    noise = truth.get("noise", "")
+    correct = {effect for effect, words in NOISE_CLAIMS.items() if words in noise}
+    others = [claim for claim in answer["effects"] if claim["effect"] not in correct]
+    if len(others) == len(answer["effects"]):
         return answer
     is_explained = answer["verdict"] == "explained" and not others
     return {

@@ -188,7 +188,12 @@ def show(console, result) -> None:
     for found in result["refused"]:
         console.print(f"- not retained: {found['statement']}", markup=False, style="dim")
     console.print()
-    names = {"before": "baseline", "after": "with the findings", "noise": "noise"}
+    names = {
+        "before": "baseline",
+        "after": "with the findings",
+        "expected": "expected of a right model",
+        "noise": "noise",
+    }
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
     rows = [
         [name, *(held_out.get(f"{key}_{unit}") for unit in units)] for key, name in names.items()

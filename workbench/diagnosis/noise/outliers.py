@@ -106,29 +106,52 @@ _MANY = 2000
 
 def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     """Log Bayes factor that some of the residuals (m, n) are outliers, and the probability (n,) of each then."""
-    middle = float(np.median((white**2).sum(0)))
-    # most fit exactly, or something is no number: there is no noise to judge by
-    if not 0 < middle < np.inf:
+    x = _on_scale_of_median(white)
+    if x is None:
         return -np.inf, np.zeros(white.shape[1])
-    x = white / np.sqrt(middle / chi2.ppf(0.5, len(white)))
     chosen, counts = _thinned(x)
     shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
     far, noises = _far(x), list(_noises(len(x)))
     none, some = [], []
-    for prior, density in noises:
+    for prior, density, _ in noises:
         near = density(x[:, chosen])
         none.append(prior + counts @ near)
         mixed = np.array([counts @ _mixed(near, far[chosen], share) for share in shares])
         some.append(prior - np.log(_SHARES) + mixed)
     total = logsumexp(some)
     likely = []
-    for weights, (_, density) in zip(np.exp(np.array(some) - total), noises):
+    for weights, (_, density, _) in zip(np.exp(np.array(some) - total), noises):
         relevant = np.flatnonzero(weights > 1e-4)
         likely += [(weights[i], shares[i], density) for i in relevant]
     probability = np.zeros(x.shape[1])
     for weight, share, density in likely:
         probability += weight * np.exp(far + np.log(share) - _mixed(density(x), far, share))
     return float(total - logsumexp(none)), probability / sum(weight for weight, *_ in likely)
+
+
+def tails(white: np.ndarray) -> tuple[float, float, float]:
+    """Log Bayes factor of Student's noises against a Gaussian, of residuals (m, n) without outliers.
+
+    Then the degrees of freedom of Student's, posterior mean and standard deviation.
+    """
+    x = _on_scale_of_median(white)
+    if x is None:
+        return -np.inf, np.inf, np.inf
+    chosen, counts = _thinned(x)
+    noises = list(_noises(len(x)))
+    logs = np.array([prior + counts @ density(x[:, chosen]) for prior, density, _ in noises])
+    degrees = np.array([nu for *_, nu in noises])
+    is_student = np.isfinite(degrees)
+    student, gauss = logsumexp(logs[is_student]), logsumexp(logs[~is_student])
+    weights, degrees = np.exp(logs[is_student] - student), degrees[is_student]
+    mean = float(weights @ degrees)
+    return float(student - gauss), mean, float(np.sqrt(weights @ (degrees - mean) ** 2))
+
+
+def _on_scale_of_median(white: np.ndarray) -> np.ndarray | None:
+    """Residuals (m, n) in sigmas of the median sample; None where most fit exactly, or something is no number."""
+    middle = float(np.median((white**2).sum(0)))
+    return white / np.sqrt(middle / chi2.ppf(0.5, len(white))) if 0 < middle < np.inf else None
 
 
 def _mixed(near, far, share):
@@ -158,15 +181,18 @@ def _off(length, m):
 
 
 def _noises(m: int):
-    """(log prior, log density of x (m, n) as a function) of every noise: Gaussian as likely as all Student's."""
+    """(log prior, log density of x (m, n) as a function, degrees of freedom) of every noise.
+
+    A Gaussian, which has infinitely many, is as likely as all Student's.
+    """
     share, half = np.log(0.5 / len(_SCALES)), np.log(2 * len(_DEGREES))
     for scale in _SCALES:
-        yield share, _scaled(_gauss, scale)
+        yield share, _scaled(_gauss, scale), np.inf
         for nu in _DEGREES:
             median = chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
             same = scale * np.sqrt(median)  # which stays
             for kind in (_joint, _each):
-                yield share - half, _scaled(kind, same, nu)
+                yield share - half, _scaled(kind, same, nu), nu
 
 
 def _scaled(density, spread, *of):

@@ -100,6 +100,11 @@ class Proof:
     variance_factors: tuple[float, float] = (1.0, 1.0)
 
     @property
+    def expected(self) -> float:
+        """RMS held-out error of a right model, mm or px: noise, and the uncertainty of its parameters."""
+        return float(np.sqrt(self.variance_factors[1])) * self.noise
+
+    @property
     def unexplained(self) -> tuple[float, float]:
         """Mean squared errors before and after beyond noise and uncertainty of the parameters, mm^2 or px^2; >= 0."""
         errors = zip((self.before, self.after), self.variance_factors)

@@ -132,10 +132,13 @@ def _agreed(factors: np.ndarray) -> float:
 
 
 def compare(stated: StatedNoise, structure_left: bool) -> NoiseRatio | None:
-    """The wrong statement, from replicates where there are enough, else from residuals without structure; else None."""
-    found = stated.from_replicates()
-    if found is None and not structure_left:
-        found = stated.from_residuals()
+    """The wrong statement, from replicates where there are enough, else from residuals without structure; else None.
+
+    Structure only adds to the noise: a sigma above such a residual is stated too large all the same.
+    """
+    found = stated.from_replicates() or stated.from_residuals()
+    if found is not None and structure_left and found.source == FROM_RESIDUALS and found.factor > 1:
+        return None
     return found if found is not None and found.is_wrong else None
 
 

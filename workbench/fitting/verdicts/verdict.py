@@ -64,11 +64,13 @@ class Noise:
     """What the noise alone makes of the same statistic, in the same unit.
 
     `value`: for the RMS of a 3-D distance it is sqrt(3) times sigma of one coordinate. `source` says how it is known:
-    `STATED`, `REPLICATES`, `RESIDUALS` or a phrase of the caller's.
+    `STATED`, `REPLICATES`, `RESIDUALS` or a phrase of the caller's. `expected`: what noise and estimated parameters,
+    which are uncertain, make together in samples that no fit used; None where that is not known.
     """
 
     value: float
     source: str = STATED
+    expected: float | None = None
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,11 @@ def _against_noise(
         return f"it is {ratio:.3g} times {stated}: {advice}"
     if ratio < 1 / _RELEVANT:
         return f"it is not larger than {stated}, so that smaller model errors cannot be excluded"
+    if ratio > _AGREES and residual.value <= _AGREES * (noise.expected or 0.0):
+        return (
+            f"it agrees with {noise.expected:.3g} {residual.unit}, which {stated} and the uncertainty of the "
+            "parameters cause together"
+        )
     if ratio > _AGREES:
         return f"it is {ratio:.3g} times {stated}, a difference that is not significant"
     return f"it agrees with {stated}"
