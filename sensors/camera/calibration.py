@@ -27,6 +27,7 @@ from sensors.camera.model import Camera
 from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, corner_chain, placement_groups
 from sensors.camera.suspect_views import FAR
+from sensors.camera.two_cameras import TwoCameras, find_two_cameras
 from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 _BOW = f"artefact.{BoardBow.effect}."
 _COVERED = 0.6
 _DOUBTED = 3.0  # standard deviations
+_NOTABLE_PX = 1.0  # of projection, an error that every use of the camera notices
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,12 @@ class Bow:
 class CameraCalibration:
     """A camera and what is known of it.
 
-    `fit` of the bundle and the `chain` of corners (sorted by board pose) at its solution; `views` that
-    were used, `rejected` those that were not, `left_out` how many corners of a image, by its name;
-    `undetermined` and `remarks` sentences; `printed` errors of the board's corners, `lens` what the
-    model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant;
-    `left_out_lines` of the board, whose corners contradict all others; the checks, None where there are too few board
-    poses. RMS are of the residuals of all corners used, none weighted down.
+    `fit` of the bundle and the `chain` of corners (sorted by board pose) at its solution; `views` that were used,
+    `rejected` those that were not, `left_out` how many corners of a image, by its name; `undetermined` and `remarks`
+    sentences, of which `notes` are no doubts of the model; `printed` errors of the board's corners, `lens` what the
+    model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant; `two_cameras`
+    if the images are of two; `left_out_lines` of the board, whose corners contradict all others; the checks, None where
+    there are too few board poses. RMS are of the residuals of all corners used, none weighted down.
     """
 
     camera: Camera
@@ -77,6 +79,7 @@ class CameraCalibration:
     left_out: dict[str, int]
     undetermined: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     printed: PrintErrors | None = None
     shared: Misfit | None = None
     lens: LensMap | None = None
@@ -85,6 +88,7 @@ class CameraCalibration:
     halves: Halves | None = None
     focal: FocalScatter | None = None
     left_out_lines: tuple[DisplacedLine, ...] = ()
+    two_cameras: TwoCameras | None = None
 
     @property
     def displaced_lines(self) -> tuple[DisplacedLine, ...]:
@@ -247,10 +251,27 @@ def calibrate_camera(
         progress("one half of the images against the other")
         halves = compare_halves(part.chain, effects, known, loss, calibration.distance_mm)
         calibration = replace(calibration, held_out=left_out, halves=halves)
+    calibration = replace(calibration, two_cameras=_two_cameras(calibration))
+    notes = tuple(_notes(calibration, folds))
     return replace(
         calibration,
         undetermined=tuple(_undetermined(calibration)),
-        remarks=tuple(_remarks(calibration, folds)),
+        notes=notes,
+        remarks=(*notes, *_doubts(calibration)),
+    )
+
+
+def _two_cameras(calibration: CameraCalibration) -> TwoCameras | None:
+    """Looked for only where one camera is in doubt."""
+    focal, halves = calibration.focal, calibration.halves
+    is_doubted = focal is not None and focal.significant
+    is_doubted |= halves is not None and halves.p_value < UNLIKELY
+    if not is_doubted:
+        return None
+    changes = np.empty(0) if focal is None else focal.changes
+    names = [view.image for view in calibration.views]
+    return find_two_cameras(
+        calibration.chain, calibration.effects, calibration.parameters, changes, names
     )
 
 
@@ -293,29 +314,27 @@ def _undetermined(calibration: CameraCalibration) -> list[str]:
     ]
 
 
-def _remarks(calibration: CameraCalibration, folds: int) -> list[str]:
-    """State what else a user should know before trusting the result."""
-    said = []
-    share = float((calibration.coverage > 0).mean())
-    if share < _COVERED:
-        said.append(
-            f"corners lie in {100 * share:.0f} % of the image's cells: beyond them the lens is extrapolated, "
-            f"to {np.nanmax(calibration.uncertainty.value):.2g} px (1 sigma) at the worst place; fill the image"
-        )
+def _notes(calibration: CameraCalibration, folds: int) -> list[str]:
+    """State what a user should know of the images and the fit, and no other sentence says."""
+    said = _extrapolated(calibration)
     if calibration.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in calibration.left_out.items())
         said.append(
             f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}"
         )
-    said += [
-        shared.sentence
-        for shared in (calibration.printed, calibration.lens)
-        if shared is not None and shared.significant
-    ]
     if folds and calibration.held_out is None:
         said.append(
             f"no image could be left out as a check: {len(calibration.poses)} board poses are too few; take more"
         )
+    if not calibration.fit.converged:
+        said.append(calibration.fit.outcome)
+    return [*said, *_on_flatness(calibration)]
+
+
+def _doubts(calibration: CameraCalibration) -> list[str]:
+    """State why the lens, the board or the images are not as the model says."""
+    shared_errors = (calibration.printed, calibration.lens)
+    said = [test.sentence for test in shared_errors if test is not None and test.significant]
     if calibration.halves is not None and calibration.halves.p_value < UNLIKELY:
         chance = f"chance does so with probability {calibration.halves.p_value:.1g}"
         said.append(
@@ -330,9 +349,23 @@ def _remarks(calibration: CameraCalibration, folds: int) -> list[str]:
         said.append(calibration.shared.sentence)
     if calibration.focal is not None and calibration.focal.significant:
         said.append(calibration.focal.sentence)
-    if not calibration.fit.converged:
-        said.append(calibration.fit.outcome)
-    return [*said, *_on_flatness(calibration)]
+    if calibration.two_cameras is not None:
+        said.append(calibration.two_cameras.sentence)
+    return said
+
+
+def _extrapolated(calibration: CameraCalibration) -> list[str]:
+    """State where the images do not determine the lens: outside of the boards."""
+    share = float((calibration.coverage > 0).mean())
+    field = calibration.uncertainty.value
+    worst = float(np.nanmax(field)) if np.isfinite(field).any() else np.nan
+    if share >= _COVERED and not worst > _NOTABLE_PX:
+        return []
+    return [
+        f"corners lie in {100 * share:.0f} % of the image's cells (8 x 6); in the others the lens is extrapolated. "
+        f"The projection is uncertain by {np.nanmedian(field):.2g} px (1 sigma) in the median of the image and by "
+        f"{worst:.2g} px at its worst place. Take images with the board at the borders and in the corners of the image"
+    ]
 
 
 def _names_shared(calibration: CameraCalibration) -> bool:

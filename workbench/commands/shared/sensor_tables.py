@@ -41,7 +41,7 @@ def _about_camera(answer: Mapping) -> Sequence[str]:
         sentences.append(f"the board is warped by {height} mm (1 sigma)")
     if held_out is not None:
         sentences.append(held_out["sentence"])
-    return [*sentences, *answer.get("undetermined", ())]
+    return [*sentences, *answer.get("undetermined", ()), *answer.get("notes", ())]
 
 
 def rejected(console, rows: Sequence[Mapping], others: int = 0) -> None:

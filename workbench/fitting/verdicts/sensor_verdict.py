@@ -43,6 +43,7 @@ _POINTS = "of the points, as the errors of sensor and pose explain it"
 # What is both so many times the noise and so many px off, or such a share of the image's width in a small image, is no
 # noise and no imperfect lens.
 _POOR_PX, _POOR_SHARE = 1.0, 5e-4
+_WIDE_DEG = 85.0  # field of view from which a lens may be a fisheye
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _LENS = "lens"
@@ -78,8 +79,12 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
 def camera_warnings(calibration) -> list[str]:
     """Why a camera or its stated uncertainty is not trustworthy, if it is not."""
     verdict = camera_verdict(calibration)
+    if calibration.two_cameras is not None:
+        words = POOR_WORDS if verdict.passed is False else DOUBT_WORDS
+        return [f"{words}: {calibration.two_cameras.sentence}"]
     if verdict.passed is not False:
         return [
+            *_unknown_focal_length(calibration),
             *_focal(calibration),
             *_shared(calibration),
             *_lines(calibration.left_out_lines, "; they contradict all others and are left out"),
@@ -87,9 +92,33 @@ def camera_warnings(calibration) -> list[str]:
     return [
         f"{POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
-        "images are of one camera with fixed focus, and that the board is flat",
+        f"images are of one camera with fixed focus, and that the board is flat{_wide(calibration)}",
         *_lines(calibration.displaced_lines),
     ]
+
+
+def _unknown_focal_length(calibration) -> list[str]:
+    """A warning where the images do not determine the focal length."""
+    known = [math.isfinite(calibration.std.get(f"camera.{name}", 0.0)) for name in ("fx", "fy")]
+    if all(known):
+        return []
+    return [
+        f"{DOUBT_WORDS}: the focal length is not identifiable from these images (below). Do not use this camera for "
+        "measurements: tilt the board by 20 to 45 degrees, use fewer coefficients (`--model brown`) or other images"
+    ]
+
+
+def _wide(calibration) -> str:
+    """Words on a lens that may be too wide for the models, by the field of view at the focal length that was fitted."""
+    camera = calibration.camera
+    half_angles = np.arctan(np.array(camera.size) / 2 / np.array([camera.fx, camera.fy]))
+    angle = 2 * math.degrees(half_angles.max())
+    if not angle > _WIDE_DEG:
+        return ""
+    return (
+        f". The field of view is about {angle:.0f} deg: neither model (brown, rational) describes a fisheye lens; use "
+        "a lens of a smaller angle"
+    )
 
 
 def camera_trust(calibration) -> Trust:

@@ -89,6 +89,7 @@ def as_json(run: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "focal_scatter": focal_json(calibration.focal),
         "uncertainty": uncertainty_json(calibration.uncertainty),
         "undetermined": list(calibration.undetermined),
+        "notes": list(calibration.notes),
         "warnings": camera_warnings(calibration),
         "verdict": camera_verdict(calibration, tolerances).as_json(),
         "provenance": provenance(run.recording),

@@ -176,6 +176,8 @@ def _uncertainty(calibration, prefix: str):
             "Not identifiable from these images",
             [sentence(line) for line in calibration.undetermined],
         )
+    if calibration.notes:
+        yield note("Notes", [sentence(line) for line in calibration.notes])
 
 
 def _map(known, size, called):
