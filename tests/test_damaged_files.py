@@ -256,6 +256,7 @@ def test_the_announced_size_is_that_of_the_image(ending):
         b"ply\nformat ascii 1.0\nelement vertex 4\n" + b"x" * 5000 + b"\nend_header\n",
         b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nend_header\n" + b"1" * 5000,
         b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\nend_header\n",
+        b"ply\nformat ascii 1.0\nelement vertex 4\nproperty end_header 1\nend_header\n0\n1\n2\n3\n",
         b"no cloud",
     ],
 )

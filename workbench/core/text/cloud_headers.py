@@ -1,8 +1,8 @@
 """Checks of PLY and PCD files before Open3D reads them.
 
-The PLY parser in Open3D (RPly) overflows a buffer of 1,024 bytes when it reports a long word, and both
-parsers allocate what a header announces; the process ends. No file needs such words, or can hold more
-points than its size allows.
+The PLY parser in Open3D (RPly) overflows a buffer of 1,024 bytes when it reports a long word, and accesses wrong
+memory after some words that are no types; both parsers allocate what a header announces. The process then ends. No
+file needs such words, or can hold more points than its size allows.
 """
 
 import re
@@ -12,17 +12,28 @@ _LONGEST = 200
 _COMPRESSION = 300  # LZF of PCD shortens by less
 _WORD = re.compile(rb"[^\s]{%d}" % _LONGEST)
 _HEADER_BYTES = 65_536
+_TYPE = rb"(?:u?(?:char|short|int)|u?int(?:8|16|32)|float(?:32|64)?|double)"
+_PLY_LINE = re.compile(
+    rb"ply|format\s+\S+\s+1\.0|(?:comment|obj_info)\b.*|element\s+\S+\s+\S+"
+    rb"|property\s+(?:list\s+%b\s+)?%b\s+\S+" % (_TYPE, _TYPE)
+)
+"""A line in the header of a PLY file: Turk, The PLY polygon file format (1994)."""
+_END = re.compile(rb"^end_header[ \t]*\r?$", re.MULTILINE)
 
 
 def ply_problem(path: Path) -> str:
     """Why a file is no PLY file that can be parsed, as a part of a sentence; "" where it is one."""
     with Path(path).open("rb") as file:
         start = file.read(_HEADER_BYTES)
-        header, end, _ = start.partition(b"end_header")
+        end = _END.search(start.replace(b"\r", b"\n"))
         if not start.startswith(b"ply") or not end:
             return "no header of a PLY file"
+        header = start[: end.start()]
         if _WORD.search(header):
             return f"a header with a word of {_LONGEST} characters or more"
+        for line in filter(None, map(bytes.strip, header.splitlines())):
+            if not _PLY_LINE.fullmatch(line):
+                return f"the line '{line.decode('ascii', 'replace')}' in the header"
         is_ascii = re.search(rb"^format\s+ascii\b", header, re.MULTILINE)
         binary = re.search(rb"^format\s+binary_(little|big)_endian\b", header, re.MULTILINE)
         if not is_ascii and not binary:
