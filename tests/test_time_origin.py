@@ -127,6 +127,21 @@ def programme_of(header, times, folder, monkeypatch):
     return Programme(table, np.zeros((len(times), 6)), None, times_read)
 
 
+@pytest.mark.parametrize(
+    ("header", "cells", "origin"),
+    [("time", ["2026-09-14T08:12:15", "2026-09-14T08:12:25"], "2026-09-14T08:12:15")]
+    + [("time [s]", [40.0, 50.0], 40.0), ("Zeit [ms]", [4e4, 5e4], 40.0)],
+)
+def test_targets_with_our_joint_columns_may_have_any_column_of_times(
+    header, cells, origin, tmp_path
+):
+    names = [*(f"q{k}_deg" for k in range(1, 7)), header]
+    path = write_rows(tmp_path / "targets.csv", names, [[*range(6), cell] for cell in cells])
+    table = read_targets(path, [False] * 6)[0]
+    assert table.columns["time_s"].tolist() == [0.0, 10.0] and table.time_origin == origin
+    assert table.columns["q6_deg"].tolist() == [5.0, 5.0]
+
+
 def test_targets_on_a_clock_that_the_recording_lacks_are_later_than_it(tmp_path, monkeypatch):
     """Dates cannot be compared with the seconds of a stop watch: the program runs after the recording anyhow."""
     programme = programme_of("time", ["2026-09-14 08:12:15"], tmp_path, monkeypatch)

@@ -143,7 +143,10 @@ def read_named_points(path: Path, labels: Sequence[str]) -> Table:
 
 
 def _is_native(path: Path, others: Sequence[str]) -> bool:
-    """Whether a file is a table of the recording format: comma-separated, with its names, numbers with a point."""
+    """Whether a file is a table of the recording format: comma-separated, with its names, numbers with a point.
+
+    Times in a column of another name, or dates, are those of a clock that only `workbench import` reads.
+    """
     if path.suffix.lower() in _PARQUET:
         return True
     if path.suffix.lower() != ".csv" or not path.is_file():
@@ -155,7 +158,10 @@ def _is_native(path: Path, others: Sequence[str]) -> bool:
     except csv.Error:
         return True
     is_ours = bool(joint_columns(names)) or bool(set(others) & set(names))
-    return is_ours and not _DECIMAL_COMMA.search(head)
+    has_other_clock = any(
+        name != "time_s" and read_header(name).kind in ("time", "date") for name in names
+    )
+    return is_ours and not has_other_clock and not _DECIMAL_COMMA.search(head)
 
 
 def _one_table(path: Path) -> RawTable:
