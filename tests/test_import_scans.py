@@ -19,11 +19,11 @@ def recordings(tmp_path_factory):
     return {kind: example(kind, folder / kind, lambda text: None).recording for kind in kinds}
 
 
-def written(recording, folder, scale, write):
+def written(recording, folder, scale, write, most=100):
     """Files of single poses in `folder`/scans, and poses in m with intrinsic ZYX angles in rad."""
     (folder / "scans").mkdir()
     lines = ["file,X,Y,Z,A,B,C"]
-    for number in np.unique(recording.columns["pose"]):
+    for number in np.unique(recording.columns["pose"])[:most]:
         on = recording.columns["pose"] == number
         path = write(folder / "scans" / f"scan_{int(number):02d}", scale * recording.points[on])
         pose = recording.flange[on][0]
@@ -68,6 +68,14 @@ def test_scans_of_a_ball_with_flange_poses(kind, scale, write, recordings, tmp_p
     assert np.allclose(made.recording.flange[first], expected, atol=1e-3)
     spread = np.linalg.norm(made.recording.points - recording.points.mean(0), axis=1)
     assert 5.0 < spread.max() < 60.0  # mm
+
+
+def test_few_poses_have_their_convention_found_among_all(recordings, tmp_path):
+    """The linear screening of conventions needs more poses; without it all are compared."""
+    sources = written(recordings["3d-camera"], tmp_path, 1.0, as_ply, most=8)
+    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
+    assert made.mapping.flange_rotation.convention == "intrinsic ZYX"
+    assert made.mapping.flange_rotation.unit == "rad" and made.mapping.flange_point.unit == "m"
 
 
 def test_scans_without_radius_are_refused(recordings, tmp_path):

@@ -20,7 +20,8 @@ from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
 
 _LEAST = 4
-_STARTS, _STEPS = 12, 50
+_STARTS, _FIRST_STEPS = 12, 6
+_RETAINED, _STEPS = 3, 50
 _SETTLED = 1e-10
 _UNDETERMINED = 1e-9  # eigenvalue of the scaled normal matrix, relative to the largest
 _LEVER = 100.0  # mm: a rotation by 1 rad counts as much as a shift by this
@@ -71,10 +72,27 @@ class _Solution:
 
 def _solve(points, flange, ball) -> _Solution:
     rotations = start_rotations()
-    costs = [_linear(rotation, points, flange, ball)[2] for rotation in rotations]
-    best = np.argsort(costs)[:_STARTS]
-    solutions = [_descend(rotations[k], points, flange, ball) for k in best]
-    return min(solutions, key=lambda solution: float((solution.residual**2).sum()))
+    best = np.argsort(_start_costs(rotations, points, flange, ball))[:_STARTS]
+    near = [_descend(rotations[k], points, flange, ball, _FIRST_STEPS) for k in best]
+    near.sort(key=_squares)
+    solutions = [
+        _descend(solution.rotation, points, flange, ball, _STEPS) for solution in near[:_RETAINED]
+    ]
+    return min(solutions, key=_squares)
+
+
+def _squares(solution: _Solution) -> float:
+    return float((solution.residual**2).sum())
+
+
+def _start_costs(rotations, points, flange, ball) -> np.ndarray:
+    """(S,) sum of squares at each of S rotations, the shift and the places estimated."""
+    basis = np.linalg.svd(_design(flange, ball), full_matrices=False)
+    basis = basis.U[:, basis.S > 1e-10 * basis.S[0]]
+    rotated = np.stack([rotation @ points for rotation in rotations])
+    moved = np.einsum("nij,sjn->sni", flange[:, :3, :3], rotated) + flange[:, :3, 3]
+    moved = moved.reshape(len(rotations), -1)
+    return (moved**2).sum(1) - ((moved @ basis) ** 2).sum(1)
 
 
 def _design(flange, ball) -> np.ndarray:
@@ -97,11 +115,11 @@ def _linear(rotation, points, flange, ball):
     return found[:3], found[3:].reshape(-1, 3), float(residual @ residual)
 
 
-def _descend(rotation, points, flange, ball) -> _Solution:
+def _descend(rotation, points, flange, ball, steps: int) -> _Solution:
     """Gauss-Newton from one rotation."""
     shift, places, _ = _linear(rotation, points, flange, ball)
     converged = False
-    for _ in range(_STEPS):
+    for _ in range(steps):
         residual, rows = _linearised(rotation, shift, places, points, flange, ball)
         step = np.linalg.lstsq(rows / _scale(rows), -residual.T.ravel(), rcond=1e-10)[0]
         step = step / _scale(rows)

@@ -18,7 +18,7 @@ def refuse_counts(table: RawTable, mapping: Mapping) -> None:
     if group is None or group.counts_per_deg is not None:
         return
     columns = [table.columns[name] for name in group.columns if name in table.columns]
-    if any(cells.dtype.kind != "f" for cells in columns):
+    if not columns or any(cells.dtype.kind != "f" for cells in columns):
         return
     largest = max((_largest(cells) for cells in columns), default=0.0)
     units = {read_header(name, table.units.get(name)).unit for name in group.columns}

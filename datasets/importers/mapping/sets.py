@@ -182,9 +182,16 @@ def _points(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
         return [_set("point", [xyz[axis] for axis in "xyz"])]
     matrix = kinds.get("matrix", {})
     for rotation, last_column in _TRANSFORMS:
+        if rotation != _matrix_names(matrix):
+            continue
         if all(name in matrix for name in (*rotation, *last_column)):
             return [_set("point", [matrix[name] for name in last_column])]
     return []
+
+
+def _matrix_names(matrix: Mapping[str, Header]) -> tuple[str, ...]:
+    """Names of the elements of a rotation, counted from 0 if an element (0, 0) is there, and otherwise from 1."""
+    return _MATRIX_FROM_0 if "00" in matrix else _MATRIX_NAMES
 
 
 def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
@@ -209,10 +216,9 @@ def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
         # E1 to E6 are the external axes of KUKA
         sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
     matrix = kinds.get("matrix", {})
-    for names in (_MATRIX_NAMES, _MATRIX_FROM_0):
-        if all(name in matrix for name in names):
-            sets.append(_set("matrix", [matrix[name] for name in names]))
-            break
+    names = _matrix_names(matrix)
+    if all(name in matrix for name in names):
+        sets.append(_set("matrix", [matrix[name] for name in names]))
     axis = kinds.get("axis", {})
     if all(name in axis for name in _NOA):
         sets.append(_set("matrix", [axis[name] for name in _NOA], "noa"))

@@ -227,19 +227,23 @@ def _screened(readings, scans: Scans, rows: np.ndarray) -> list[int]:
     for turn, (_, _, poses) in zip(turn_of, readings):
         if turn not in cost:
             cost[turn] = _linear_cost(scans.seen, poses[rows], scans.is_profile)
+    if np.isnan(
+        list(cost.values())
+    ).any():  # too few poses for the linear model: all readings are compared
+        return list(range(len(readings)))
     retained = sorted(cost, key=cost.get)[:_ROTATIONS]
     return [k for k, turn in enumerate(turn_of) if turn in retained]
 
 
 def _linear_cost(seen, poses, is_profile) -> float:
-    """Share of the measured coordinates that a linear model of flange poses (P, 4, 4) leaves, per degree of freedom."""
+    """Share of the squared coordinates that a linear model of flange poses (P, 4, 4) leaves; nan for too few poses."""
     back = poses[:, :3, :3].transpose(0, 2, 1)
     home = np.einsum("pij,pj->pi", back, poses[:, :3, 3])
     scale = max(np.abs(home).max(), 1e-9)
     rows = np.concatenate([back.reshape(-1, 9), home / scale, np.ones((len(back), 1))], axis=1)
     measured = seen[:2].T if is_profile else seen.T
     if len(rows) <= rows.shape[1] + _SPARE:
-        return 0.0
+        return np.nan
     remainder = measured - rows @ np.linalg.lstsq(rows, measured, rcond=1e-10)[0]
     return float((remainder**2).sum() / ((measured - measured.mean(0)) ** 2).sum())
 

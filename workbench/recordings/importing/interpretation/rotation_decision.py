@@ -57,6 +57,8 @@ def decide_rotation(
 def _refuse_other_order(robot: Robot, mapping: Mapping, table: RawTable, build: Build) -> None:
     """Raise InputError where the columns fit the robot in one other order than that of their names."""
     turns = reordered_candidates(mapping.rotation, table)
+    if not turns:  # columns of a matrix are not tried in other orders
+        return
     fits, readings = _rotation_fits(robot, mapping, table, turns, build, True)
     if is_only_good(fits):
         interpretation = readings[fits[0][0]][1]
