@@ -155,6 +155,22 @@ class Projected:
         """(E n, R) sums over each arm pose's coordinates of values (E N, R)."""
         return self._sum @ values
 
+    def row_sums(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(k, E n, R) sums over each arm pose's coordinates of rows (k, E N) times columns (E N, R)."""
+        n = self.problem.n
+        count = len(columns) // n
+        if not self._is_even:
+            return np.stack([self.sums(columns * row[:, None]) for row in rows])
+        by_sample = columns.reshape(count, n, -1).swapaxes(0, 1)
+        return (rows.reshape(-1, count, n).transpose(2, 0, 1) @ by_sample).swapaxes(0, 1)
+
+    @cached_property
+    def _is_even(self) -> bool:
+        """Whether every sample has the same components, so that its sums are one small product."""
+        sample, n = self.problem.sample, self.problem.n
+        is_single = self.problem.ends.count == 1 and len(sample) % n == 0
+        return is_single and np.array_equal(sample, np.tile(np.arange(n), len(sample) // n))
+
     def score_hypotheses(self, moments: Moments) -> Scores:
         """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
         parts = (moments.gram, moments.score, moments.raw)
@@ -235,20 +251,18 @@ class SampleSums:
 
     @cached_property
     def added(self) -> np.ndarray:
-        return self._with(self.projected.problem.ends.repeated(self.projected._basis_of_effects()))
+        ends = self.projected.problem.ends
+        basis = ends.repeated(self.projected._basis_of_effects())
+        return self.projected.row_sums(self.rows, basis)
 
     @cached_property
     def basis(self) -> np.ndarray:
         problem = self.projected.problem
-        return self._with(problem.ends.repeated(problem.basis))
+        return self.projected.row_sums(self.rows, problem.ends.repeated(problem.basis))
 
     @cached_property
     def squares(self) -> np.ndarray:
-        return self._with(self.rows.T)
-
-    def _with(self, columns: np.ndarray) -> np.ndarray:
-        """(k, E n, R) sums of the rows times columns (E N, R)."""
-        return np.stack([self.projected.sums(columns * row[:, None]) for row in self.rows])
+        return self.projected.row_sums(self.rows, self.rows.T)
 
     def _moments(self, option: tuple, linear: Linear, raw, typical: np.ndarray) -> Moments:
         """Of C hypotheses, each V functions on every component; typical (C, k V) prior sizes, ordered by component.
@@ -316,12 +330,18 @@ class SampleSums:
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
         mean = after / len(x) if centred else np.zeros(len(options))
 
-        def summed(values, of_all, of_after):
-            sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values[order], 0)])
-            return sums[after] * of_after[:, None] + sums[-1] * of_all[:, None]
+        def summed(values, of_all, of_after=None):
+            sums = np.zeros((len(x) + 1, values.shape[1]))
+            np.cumsum(values[order], 0, out=sums[1:])
+            out = sums[after]
+            if of_after is not None:
+                out *= of_after[:, None]
+            if of_all.any():
+                out += sums[-1] * of_all[:, None]
+            return out
 
         def linear(values):
-            return summed(values, -mean, np.ones(len(mean)))[:, None]
+            return summed(values, -mean)[:, None]
 
         def raw():
             if self.projected.problem.ends.count > 1:

@@ -116,8 +116,10 @@ class Problem:
         return self.cache["added"]
 
     def reordered(self, order: Sequence[int]) -> "Problem":
-        """The problem with its effects in another order; cached inner products of other columns remain valid."""
-        cache = {key: value for key, value in self.cache.items() if key[-1] == "gram"}
+        """The problem with its effects in another order; cached inner products with the space of all remain valid."""
+        cache = {key: value for key, value in self.cache.items() if key[0] != "block"}
+        if "added" in cache:
+            cache["added"] = self.added_effects.reordered(order)
         effects, added, values, precisions = (
             tuple(values_of_effects[i] for i in order) if values_of_effects else ()
             for values_of_effects in (self.effects, self.added, self.values, self.precisions)

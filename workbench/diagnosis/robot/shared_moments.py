@@ -35,9 +35,9 @@ def with_shared_moments(problem: Problem, chain) -> Problem:
     without_gravity = problem.conditional_on(others)
     y = without_gravity.orthogonalise(without_gravity.residual)
     maps = [_map(law, first, chain) for law in laws]
-    parts = np.stack(
-        [without_gravity.orthogonalise(_typical(law) @ m) for law, m in zip(laws, maps)]
-    )  # (C, N, P)
+    columns = np.stack([_typical(law) @ m for law, m in zip(laws, maps)], 1)  # (N, C, P)
+    orthogonal = without_gravity.orthogonalise(columns.reshape(len(y), -1))
+    parts = np.ascontiguousarray(orthogonal.reshape(columns.shape).swapaxes(0, 1))
     moments, sizes = _estimated(parts, y)
     cost = _cost(parts, y, moments, sizes, max(problem.degrees, 1))
     known = {law.key: _directed(law, m @ moments) for law, m in zip(laws, maps)}

@@ -143,16 +143,10 @@ def _with_effect(bench, h: Hypothesis) -> Hypothesis:
 
 def order_by_gain(search: Search) -> None:
     """What explains most first, then what explains most conditional on it, and so on."""
-    remaining, ordered = list(search.accepted_indices), []
-    if len(remaining) < 2:
+    if len(search.accepted) < 2:
         return
     added = search.problem.added_effects
-    while remaining:
-        able = _allowed_next(search, remaining)
-        falls = [float((added.subspace((*ordered, i)).score ** 2).sum()) for i in able]
-        ordered.append(able[int(np.argmax(falls))])
-        remaining.remove(ordered[-1])
-    search.reorder(ordered)
+    search.reorder(added.order_by_gain(lambda remaining: _allowed_next(search, remaining)))
 
 
 def _allowed_next(search: Search, remaining: list[int]) -> list[int]:

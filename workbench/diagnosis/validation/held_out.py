@@ -363,7 +363,7 @@ def nested_components(
     covariance.
     """
     if not scored:
-        errors = [decorrelated(smaller, fold, rows) for rows in errors]
+        errors = decorrelated(smaller, fold, np.stack(errors))
     return [_components_of(smaller, rows) for rows in errors]
 
 

@@ -90,7 +90,7 @@ def left_out_rows(
 
 
 def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """(N,) V^-1/2 e block by block, of held-out errors e (N,) in the units of `left_out_rows`; nan stays.
+    """(E, N) V^-1/2 e block by block, of E held-out errors e (E, N) in the units of `left_out_rows`; nan stays.
 
     V = (I - B_b B_b')^-1 is the covariance, over that of the noise, of the errors of a block that this problem
     predicts: a direction that the other blocks leave uncertain counts by as much less. V^-1/2 B_b u = sqrt(1 - v) B_b u
@@ -98,13 +98,14 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
     """
     mixing, block_of_row = problem.hat_mixing, fold[problem.sample]
     out = errors / problem.units
-    for k in np.unique(block_of_row[np.isfinite(errors)]):
+    for k in np.unique(block_of_row[np.isfinite(errors).any(0)]):
         block = _block(problem, block_of_row == k)
         values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
         remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
         shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
-        directions = block.columns @ (mixing @ vectors)
-        out[block.rows] -= directions @ (shrinkage * (directions.T @ out[block.rows]))
+        # of a few errors, not of all directions: the products with these take as long as the eigenvectors
+        along = ((out[:, block.rows] @ block.columns) @ mixing) @ vectors
+        out[:, block.rows] -= ((along * shrinkage) @ vectors.T) @ mixing.T @ block.columns.T
     return out * problem.units
 
 
