@@ -53,6 +53,20 @@ def found(home):
     return json.loads((home / "gap.json").read_text(encoding="utf-8"))
 
 
+def test_an_interrupted_diagnosis_leaves_its_first_result(home, tmp_path, monkeypatch):
+    def interrupted(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("workbench.diagnosis.validation.proof.prove", interrupted)
+    assert cli.run(["diagnose", str(home / "gap"), "--out", str(tmp_path / "out")]) == 130
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["provisional.json"]
+    first = json.loads((tmp_path / "out" / "provisional.json").read_text(encoding="utf-8"))
+    assert first["provisional"] is True and "not yet validated" in first["statement"]
+    (effect,) = first["effects"]
+    assert (effect["effect"], effect["where"]) == ("backlash", "joint-3")
+    assert 0.5 < effect["probability"] <= 1
+
+
 def test_the_answer_keeps_to_the_contract(found):
     assert found["command"] == "diagnose" and found["verdict"] == "explained"
     (effect,) = found["effects"]

@@ -78,6 +78,19 @@ def test_what_a_killed_run_left_does_not_stand_in_the_way(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_first_result_stays_where_a_run_was_killed_until_a_run_replaces_it(tmp_path):
+    out, first = tmp_path / "out", '    runs.write_provisional(run, "first")\n'
+    script = KILLED.replace('    (run.partial / "half")', first + '    (run.partial / "half")')
+    subprocess.run([sys.executable, "-c", script, str(out)], cwd=ROOT, check=False)
+    assert [path.name for path in out.iterdir()] == ["provisional.json"]
+    assert (out / "provisional.json").read_text() == "first"
+    with runs.opened("demo", "x", out) as run:
+        runs.write_provisional(run, "second")
+        (run.partial / "a.txt").write_text("a")
+    assert [path.name for path in out.iterdir()] == ["a.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_two_runs_do_not_write_one_folder(tmp_path):
     with (
         runs.opened("demo", "x", tmp_path / "out") as run,

@@ -218,13 +218,36 @@ def test_effects_with_many_parameters_take_from_another_only_what_their_priors_a
 def test_a_term_without_a_gain_goes_however_large_its_t():
     weak, harmful = (Term(Finding(n, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for n in "wh")
 
-    def judged(left):
+    def judged(left, among):
         figures = {"w": (3.0, 0.01), "h": (8.0, -0.01)}
         made = [figures[term.finding.effect] for term in left]
         return [replace(one, t=t, gain=gain) for one, (t, gain) in zip(left, made)]
 
     left, gone = proof._without_insignificant(judged, [weak, harmful], 2.5)
     assert [term.finding.effect for term in left] == ["w"]
+
+
+def test_all_terms_that_stay_are_judged_among_those_that_stay():
+    """A clear term is not judged again while unclear ones go, and goes itself where it needed one of them."""
+    clear, needing, weak = (
+        Term(Finding(n, "joint-2", "", (), 1e-9, 1.0, 1.0, 1.0)) for n in ("clear", "needing", "w")
+    )
+    asked = []
+
+    def judged(some, among):
+        names = {term.finding.effect for term in among}
+        asked.append(({term.finding.effect for term in some}, names))
+        t = {"clear": 30.0 + len(names), "needing": 20.0 if "w" in names else 1.0, "w": 1.5}
+        return [replace(term, t=t[term.finding.effect], gain=1.0) for term in some]
+
+    left, gone = proof._without_insignificant(judged, [clear, needing, weak], 2.5)
+    assert [(term.finding.effect, term.t) for term in left] == [("clear", 31.0)]
+    assert [term.finding.effect for term in gone] == ["w", "needing"]
+    everything = {"clear", "needing", "w"}
+    both = {"clear", "needing"}
+    assert asked == [(everything, everything), (set(), both), (both, both), (set(), {"clear"})] + [
+        ({"clear"}, {"clear"})
+    ]
 
 
 def test_a_scheme_in_which_the_error_rises_counts_on_the_scale_of_the_others():

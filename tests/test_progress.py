@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from conftest import ROOT
-from workbench.machine.progress import counted, elapsed, paced, staged
+from workbench.machine.progress import at_most_every, counted, elapsed, paced, staged
 
 SCRIPT = """
 import time
@@ -162,3 +162,11 @@ def test_the_last_steps_of_a_calibration_report_every_fold_and_section(tmp_path)
     write_report(calibration, tmp_path, progress=said.append)
     assert said[0] == "writing the report: headline (1 of 8)"
     assert said[-1] == "drawing the summary image"
+
+
+def test_a_log_has_at_most_one_text_a_period():
+    now, lines = [0.0], []
+    step = at_most_every(60.0, lines.append, lambda: now[0])
+    for now[0] in (1.0, 59.0, 61.0, 90.0, 121.5, 125.0):
+        step(f"at {now[0]:g}")
+    assert lines == ["at 61", "at 121.5"]

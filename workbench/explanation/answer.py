@@ -79,6 +79,7 @@ def diagnose(
     scanner: Path | None = None,
     progress: Say = lambda text: None,
     first: Say = lambda text: None,
+    provisional: Callable[[dict], None] = lambda result: None,
     jobs: int = 1,
     trust_data: bool = False,
 ) -> Diagnosis:
@@ -86,12 +87,12 @@ def diagnose(
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
     with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. progress:
-    called with what is done; first: with what the first search found, long before it is validated. jobs: processes
-    for the searches inside folds, where one search takes long enough. trust_data: diagnose also a recording that
-    cannot be right.
+    called with what is done; first: with what the first search found, long before it is validated; provisional: with
+    the same as keys. jobs: processes for the searches inside folds, where one search takes long enough. trust_data:
+    diagnose also a recording that cannot be right.
     Raises InputError.
     """
-    say = _Reporter(progress, first)
+    say = _Reporter(progress, first, provisional)
     if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, say)
     reference = references.reference_of(simulation, solution, recording.robot)
@@ -141,10 +142,11 @@ def _held(effect, others) -> bool:
 
 @dataclass(frozen=True)
 class _Reporter:
-    """Called with what is done; `first`: called with what the first search found."""
+    """Called with what is done; `first`, `provisional`: called with what the first search found, see `diagnose`."""
 
     progress: Say
     first: Say
+    provisional: Callable[[dict], None]
 
     def __call__(self, text: str) -> None:
         self.progress(text)
@@ -328,11 +330,13 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
 
     def announce(terms):
         say.first(statements.first_terms(terms))
+        say.provisional(statements.provisional_keys(statements.first_terms(terms), terms))
 
     bench, found = with_random_errors(
         bench, lambda sampled: find(sampled, progress=progress, first=announce)
     )
     say.first(statements.preliminary(found))
+    say.provisional(statements.provisional_keys(statements.preliminary(found), found.findings))
     used_seconds = time.perf_counter() - start
     jobs = jobs if used_seconds > _LONG_S else 1
     if found.findings:

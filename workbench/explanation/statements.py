@@ -370,3 +370,14 @@ def preliminary(found: Found) -> str:
         f"First result with probabilities, not yet validated: {listed(names)}. Cross-validation may reject some of "
         "them."
     )
+
+
+def provisional_keys(sentence: str, effects: Sequence[Hypothesis | Finding]) -> dict:
+    """Keys of the first result, which is not validated; a term of a search that goes on has no probability yet."""
+    rows = []
+    for found in effects:
+        row = {"effect": found.effect, "where": found.where, "label": found.label}
+        if isinstance(found, Finding):
+            row["probability"] = found.probability
+        rows.append(row)
+    return {"provisional": True, "statement": sentence, "effects": rows}

@@ -3,7 +3,8 @@
 A run is written under a temporary name next to its final folder and renamed when it is complete.
 Incomplete results are never visible, and no earlier run is overwritten. A lock next to the
 temporary folder ends with its process; the leftovers of a killed run are recognised and
-replaced.
+replaced. A long command writes its first result to `provisional.json` in the final folder, which
+holds that file alone until the run replaces it.
 """
 
 import os
@@ -26,6 +27,8 @@ except ImportError:  # Windows: a temporary folder that is left behind has to be
 RUNS = Path("runs")
 KEPT_RECORDING = "recording"
 """Folder inside a run with its recording, where that was in memory alone."""
+PROVISIONAL = "provisional.json"
+"""First result of a run that is not complete; a folder with this file alone counts as empty."""
 _root: ContextVar[Path | None] = ContextVar("root", default=None)
 _MANY_FILES = 200
 
@@ -58,6 +61,15 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
         _move_into_place(run)
     finally:
         _release(run)
+
+
+def write_provisional(run: Run, text: str) -> None:
+    """Write the first result of a run where it stays if the run is interrupted. Raises InputError."""
+    try:
+        run.path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(_refused(run.path, error)) from error
+    replace_file(run.path / PROVISIONAL, text)
 
 
 @contextmanager
@@ -134,7 +146,7 @@ def _named(out: Path) -> Run:
     path = out.expanduser().resolve()
     if path.exists() and not path.is_dir():
         raise InputError(f"{out} is a file, where --out expects a folder; name a new folder.")
-    if path.is_dir() and any(path.iterdir()):
+    if path.is_dir() and any(inside.name != PROVISIONAL for inside in path.iterdir()):
         raise InputError(
             f"{out} contains files. To protect them, --out expects a new or empty folder; name another folder."
         )
@@ -228,6 +240,7 @@ def _move_into_place(run: Run) -> None:
     try:
         _flush_folder(run.partial)
         if run.path.is_dir():
+            (run.path / PROVISIONAL).unlink(missing_ok=True)
             run.path.rmdir()  # it was empty; where it no longer is, this refuses
         run.partial.rename(run.path)
         flush_to_disk(run.path.parent)

@@ -56,6 +56,21 @@ def counted(
     return step
 
 
+def at_most_every(
+    seconds: float, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+) -> Callable[[str], None]:
+    """A function of a text that passes on the first text after each period of so many seconds; the others are lost."""
+    last = clock()
+
+    def step(text: str) -> None:
+        nonlocal last
+        if clock() - last >= seconds:
+            last = clock()
+            say(text)
+
+    return step
+
+
 def staged(
     say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
 ) -> Callable[[str, int, int], None]:

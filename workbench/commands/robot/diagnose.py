@@ -88,6 +88,7 @@ def command(
                 scanner=scanner,
                 progress=say,
                 first=say.note,
+                provisional=lambda first: _keep(first, recording, run),
                 jobs=jobs or cores(),
                 trust_data=trust_data,
             )
@@ -102,13 +103,18 @@ def command(
                 "run": run.path,
             }
             if not no_report:
-                say("writing the report")
-                _report(diagnosis, run.partial)
+                _report(diagnosis, run.partial, say)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
     show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _keep(first: dict, recording: str, run) -> None:
+    """Write the first result to the run folder, where it stays if the command is interrupted."""
+    input_name = runs.input_name(recording)
+    runs.write_provisional(run, answer.as_text({**first, "input": input_name, "run": run.path}))
 
 
 def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
@@ -166,7 +172,8 @@ def _check_scanner(found, scanner: Path | None) -> None:
         )
 
 
-def _report(diagnosis, folder: Path) -> None:
+def _report(diagnosis, folder: Path, say) -> None:
+    say("writing the report")
     from workbench.report.diagnosis.page import page
     from workbench.report.diagnosis.summary_image import write_summary
     from workbench.report.page import write_sheet

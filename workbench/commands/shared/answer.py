@@ -18,6 +18,7 @@ import typer
 
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
+from workbench.machine.progress import at_most_every
 
 JsonTarget = Annotated[
     str | None,
@@ -69,6 +70,8 @@ def console(target: str | None):
     return Console(stderr=target == "-", highlight=False)
 
 
+_PRINTED_S = 60.0
+"""Seconds between progress texts in a log: short commands print none."""
 _JSON = json.JSONEncoder(indent=2, ensure_ascii=False, allow_nan=False)
 
 
@@ -77,7 +80,7 @@ def progress(first: str) -> Iterator["Progress"]:
     """A progress line on standard error; call the result to change its text, or its `note` to print a line.
 
     If the environment variable WORKBENCH_PROGRESS is "lines", every text is printed on its own line, for programs
-    that start a command and show its progress.
+    that start a command and show its progress. Where standard error is no terminal, one text a minute is printed.
     """
     if os.environ.get("WORKBENCH_PROGRESS") == "lines":
         _print_progress(first)
@@ -85,7 +88,7 @@ def progress(first: str) -> Iterator["Progress"]:
         return
     line = _live_line()
     if not line.console.is_interactive:  # rich would end the line that it did not show
-        yield Progress(lambda text: None, line.console.print)
+        yield Progress(at_most_every(_PRINTED_S, _print_progress), line.console.print)
         return
     with line:
         task = line.add_task(first, total=None)

@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS
 from workbench.diagnosis.linear.candidates import Candidate

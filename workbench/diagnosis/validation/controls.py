@@ -16,6 +16,7 @@ shifted, what changes slowly in space.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -229,17 +230,41 @@ class _Trial:
         With the priors of the others, whose hat matrix is B B', and the columns' own, of precisions L:
         y'X (X'(I - B B')X + L)^-1 X'y.
         """
-        columns = self.columns(small)
-        projections = self._basis.T @ columns
-        raw = columns.T @ columns
+        raw, projections, scores = self._moments(small, y)
         gram = raw - projections.T @ projections + np.diag(self._precision)
         length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
         seen = length**2 > ROUNDING * np.diagonal(raw)
         unit = 1 / length[seen]
         values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
         significant = values > ROUNDING
-        score = ((columns.T @ y)[seen].T * unit).T
+        score = (scores[seen].T * unit).T
         return (((vectors[:, significant].T @ score) ** 2).T / values[significant]).sum(-1)
+
+    def _moments(self, small, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inner products of the columns: (P, P), (R, P) with the basis of the others, and (P,) or (P, S) with y."""
+        if self._sums is None:
+            columns = self.columns(small)
+            return columns.T @ columns, self._basis.T @ columns, columns.T @ y
+        of_rows, of_basis = self._sums
+        flat = small.reshape(len(small), -1)
+        weighted = np.einsum("pkn,kln->pln", small, of_rows).reshape(flat.shape)
+        return weighted @ flat.T, (flat @ of_basis).T, flat @ self._sums_with(y)
+
+    @cached_property
+    def _sums(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Sums over the measured components of each sample: (K, K, n) of the rows, (K n, R) with the basis.
+
+        None where an effect has no fewer components than were measured: its columns are then as quick.
+        """
+        if self.rows is None or self.problem.ends.count > 1 or len(self.rows) >= self.rows.shape[1]:
+            return None
+        return np.einsum("kmn,lmn->kln", self.rows, self.rows), self._sums_with(self._basis)
+
+    def _sums_with(self, y: np.ndarray) -> np.ndarray:
+        """(K n,) or (K n, S) sums over the measured components of each sample of the rows times y (N,) or (N, S)."""
+        by_sample = y.reshape(*self.rows.shape[1:], -1).swapaxes(0, 1)
+        sums = (self.rows.transpose(2, 0, 1) @ by_sample).swapaxes(0, 1)
+        return sums.reshape(-1, *y.shape[1:])
 
     def share_beyond_chance(self, gain: float) -> float:
         """A gain as a share of the effects' own, both beyond what as many columns gain by chance."""

@@ -54,8 +54,11 @@ from workbench.diagnosis.validation.stability import (
 )
 from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.machine.processes import local, one_thread
-from workbench.machine.progress import duration
+from workbench.machine.progress import counted, duration
 
+_CLEAR = (
+    2.0  # times the critical t: a term that no other one's absence is likely to make insignificant
+)
 _SINGLE = 1.5  # effective number of poses below which one shows nearly all of an effect
 Find = Callable[[Bench, np.ndarray], list[Finding]]
 Say = Callable[[str], None]
@@ -80,11 +83,13 @@ def prove(
     errors = Errors(bench)
     terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
     nested = _nested_search(bench, found, find if terms else None, errors, say, jobs)
+    say("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)
     terms, more = _controlled(bench, terms, say)
     terms, orphans = require_compliances(bench, terms)
     terms, chance = reject_explained_by_correlated_noise(bench, terms)
     gone = [*refused, *lost, *more, *orphans, *chance]
+    say("held-out errors with the terms that stay")
     terms, worse, rows = _supported(errors, terms, gone, nested, inliers)
     effects = effects_of([term.finding for term in terms])
     fixed = [
@@ -273,36 +278,54 @@ def _retained_terms(
 
     To first order about that solution, by samples left out of the linearised fit.
     """
-    say(f"held-out gain of {len(findings)} terms, each conditional on the others")
     if not findings:
         return [], []
+    say(f"held-out gain of {len(findings)} terms, each conditional on the others")
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), effect_indices(findings)))
     trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
     least = critical_t(bench.sigma)
 
-    def judged(terms: Sequence[Term]) -> list[Term]:
-        present = [i for term in terms for i in numbers[id(term.finding)]]
-        return [trial.judged(term, numbers[id(term.finding)], present) for term in terms]
+    def judged(terms: Sequence[Term], among: Sequence[Term]) -> list[Term]:
+        present = [i for term in among for i in numbers[id(term.finding)]]
+        step, out = counted(say, len(terms)), []
+        for term in terms:
+            step(f"held-out gain of {term.title}")
+            out.append(trial.judged(term, numbers[id(term.finding)], present))
+        return out
 
     return _without_insignificant(judged, [Term(f) for f in findings], least)
 
 
-Judge = Callable[[Sequence[Term]], list[Term]]
+Judge = Callable[[Sequence[Term], Sequence[Term]], list[Term]]
 
 
 def _without_insignificant(
     judged: Judge, terms: Sequence[Term], least: float
 ) -> tuple[list[Term], list[Term]]:
-    """Terms whose gain conditional on one another has a t above `least`, and the others; the weakest goes first."""
-    remaining, refused = list(terms), []
+    """Terms whose gain conditional on one another has a t above `least`, and the others; the weakest goes first.
+
+    judged(some, among): some of the terms `among`, judged conditional on all of these. Once a term is gone, first those
+    are judged again that are not clear; the clear ones once no unclear one goes.
+    """
+    remaining, refused = judged(terms, terms), []
+    outdated: set[int] = set()
     while remaining:
-        remaining = judged(remaining)
         worst = min(remaining, key=lambda term: (term.gain > 0, term.t))
         if worst.t > least and worst.gain > 0:
-            break
-        refused.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
-        remaining.remove(worst)
+            if not outdated:
+                break
+            chosen = outdated
+        else:
+            refused.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
+            remaining.remove(worst)
+            outdated = {id(term.finding) for term in remaining}
+            clear = {id(t.finding) for t in remaining if t.t > _CLEAR * least and t.gain > 0}
+            chosen = outdated - clear
+        again = [term for term in remaining if id(term.finding) in chosen]
+        new = dict(zip(map(id, again), judged(again, remaining)))
+        remaining = [new.get(id(term), term) for term in remaining]
+        outdated = outdated - chosen
     return remaining, refused
 
 
@@ -313,8 +336,9 @@ def _insignificant(t: float, least: float) -> str:
 def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
     """The terms with their controls, and those that failed them."""
     passed, failed = [], []
+    step = counted(say, len(terms))
     for term in terms:
-        say(f"controls of {term.title}")
+        step(f"controls of {term.title}")
         others = effects_of([other.finding for other in terms if other is not term])
         controlled = replace(term, controls=controls(bench, others, term.finding.effects))
         broken = [control.kind for control in controlled.controls if control.passed is False]
