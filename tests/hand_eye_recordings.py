@@ -205,3 +205,18 @@ def inverted(robot, pose, start):
 def flange_columns(poses) -> dict[str, np.ndarray]:
     x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat().T
     return dict(zip(FLANGE, (*poses[:, :3, 3].T, w, x, y, z)))
+
+
+def of_profiles(points, pose, flange, first=1) -> Recording:
+    """The recording of profiles of a ball of radius 20 mm: points (3, n) mm, pose numbers (n,) from 0, poses (P, 4, 4).
+
+    first: number of the first pose in the recording.
+    """
+    columns = {
+        "sample": np.arange(1.0, len(pose) + 1),
+        "pose": pose + float(first),
+        "ball": np.ones(len(pose)),
+        **{name: values[pose] for name, values in flange_columns(flange).items()},
+        **dict(zip(("x_mm", "y_mm", "z_mm"), points)),
+    }
+    return Recording("ball-surface", columns, {}, balls={1: (0.0, 0.0, 0.0, 20.0)}, name="profiles")

@@ -223,9 +223,10 @@ def test_profiles_among_clutter_keep_the_ball():
 
 def test_a_stretched_profiler_is_found_by_its_held_out_error():
     points, pose, flange = profiles(7)
-    points[2] /= 1.03
+    points[2] *= 1.03
     found = hand_eye_from_profiles(points, pose, flange, 20.0)
     assert found.range_scale == pytest.approx(0.03, abs=0.005) and "kept" in found.notes[-1]
+    assert "+3" in found.notes[-1] and "measured too long" in found.notes[-1]
 
 
 MISTAKES = {
@@ -262,15 +263,19 @@ def test_mistakes_in_flange_poses_of_images_are_named(word):
 @pytest.mark.parametrize("word", mostly_slow(["exchanged", "in the order", "radians"], 0, 1))
 def test_mistakes_in_flange_poses_of_profiles_are_named(word):
     points, pose, flange = profiles(11)
-    found = hand_eye_from_profiles(points, pose, MISTAKES[word](flange), 20.0, range_scale=False)
+    names = [f"pose {10 * k + 3}" for k in range(len(flange))]
+    wrong = MISTAKES[word](flange)
+    found = hand_eye_from_profiles(points, pose, wrong, 20.0, range_scale=False, names=names)
     assert len(found.suspicions) == 1 and word in found.suspicions[0]
+    if word == "exchanged":
+        assert "pose 23 and pose 73 look exchanged" in found.suspicions[0]
 
 
 def test_one_blunder_is_left_out_and_named():
     views, flange = images(12)
     flange[4, :3, 3] += [0, 12.0, 5]
     found = hand_eye_from_views(views, board(), CAMERA, flange)
-    assert found.outliers == (4,) and "pose 4" in found.poses[4].why
+    assert found.outliers == (4,) and "of the other poses" in found.poses[4].why
     assert np.abs(off(found.sensor) / np.sqrt(np.diag(found.covariance))).max() < 4
     points, pose, flange = profiles(12)
     flange[4, :3, 3] += [0, 3.0, 0]

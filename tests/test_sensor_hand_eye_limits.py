@@ -51,8 +51,9 @@ def test_what_the_motions_leave_open_has_no_sigma(turns, words, kind, spin):
 
 def test_angles_that_never_change_are_not_read_in_another_order():
     flange = images(8, turns=STILL, spin=1e-5)[1]
-    assert not any("angles" in words for words, _ in readings(flange))
-    assert any("angles" in words for words, _ in readings(images(8)[1]))
+    names = [str(k) for k in range(len(flange))]
+    assert not any("angles" in words for words, _ in readings(flange, names))
+    assert any("angles" in words for words, _ in readings(images(8)[1], names))
 
 
 def test_information_conditional_on_a_prior_is_the_whole_less_the_prior():

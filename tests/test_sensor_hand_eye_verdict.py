@@ -11,13 +11,17 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 import hand_eye_recordings as recordings
+import hand_eye_scenes
 from workbench.commands import cli
 from workbench.core.rigid import transform
 from workbench.fitting.verdicts.hand_eye_verdict import (
     _profiles,
     flange_errors,
+    handeye_verdict,
+    handeye_warnings,
     rotation_error_words,
 )
+from workbench.jobs.sensor import hand_eye
 
 
 def flat_turns(scene, random) -> np.ndarray:
@@ -129,3 +133,27 @@ def test_the_verdict_on_profiles_names_what_exceeds_their_noise(position, radius
     assert words in _profiles(made, ()).sentence
     quiet = SimpleNamespace(**{**vars(made), "noise": 0.094})
     assert words not in _profiles(quiet, ()).sentence
+
+
+@pytest.fixture(scope="module")
+def exchanged():
+    """The run of `handeye` on profiles whose poses are numbered from 5, with two of them exchanged."""
+    points, pose, flange = hand_eye_scenes.profiles(11)
+    order = np.arange(len(flange))
+    order[[2, 7]] = 7, 2
+    recording = recordings.of_profiles(points, pose, flange[order], first=5)
+    return hand_eye.calibrate(recording, None, None, lambda text: None)
+
+
+def test_an_exchange_is_named_by_the_numbers_of_the_recording(exchanged):
+    assert "poses of pose 7 and pose 12 look exchanged" in exchanged.made.suspicions[0]
+
+
+def test_the_verdict_agrees_with_the_first_warning(exchanged):
+    """Poses that are wrong may also leave the transform undetermined; the mistake is the cause."""
+    covariance = np.diag([np.inf] * 3 + [1.0] * 3)
+    loose = replace(exchanged.made, covariance=covariance, undetermined=("no axis",))
+    for run in (exchanged, replace(exchanged, made=loose)):
+        verdict = handeye_verdict(run)
+        assert not verdict.passed
+        assert handeye_warnings(run)[0] in verdict.sentence

@@ -237,7 +237,7 @@ class BallChain:
             )
         )
         table.append(
-            Parameter("sensor.range_scale", "1", 0.0, 0.02, "the profiler: scale of its z")
+            Parameter("sensor.range_scale", "1", 0.0, 0.02, "the profiler: scale error of its z")
         )
         return Parameters.of(table)
 
@@ -280,7 +280,7 @@ class BallChain:
             by_centre,
             _by_inverse_rotation_vector(centre.T, values[3:6])[..., self.pose],
         )
-        by_scale = -by_centre[2] * self.points[1]
+        by_scale = by_centre[2] * self.points[1] / (1 + values[10]) ** 2
         shared = np.concatenate(
             [-by_flange, by_rotation, by_base, (values[9] / cut)[None, self.pose], by_scale[None]]
         )
@@ -295,8 +295,8 @@ class BallChain:
         return np.sqrt(across**2 + along**2 + centre[:, 1] ** 2) - values[9]
 
     def _seen(self, values):
-        """(2, n) points with the scale of z put right."""
-        return self.points * np.array([[1.0], [1 + values[10]]])
+        """(2, n) points with the scale of z put right: the profiler reads (1 + scale) times the true z."""
+        return self.points / np.array([[1.0], [1 + values[10]]])
 
 
 def _by_rotation_vector(carried, vector):

@@ -4,6 +4,7 @@ Everything here sees one profile at a time and knows nothing of the robot: what 
 trimmed for what the profiler did. All profiles are fitted together, as sums by label.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,23 +34,25 @@ class Circles:
 
 
 def find_circles(
-    flat: np.ndarray, label: np.ndarray, count: int, largest: float | None = None
+    flat: np.ndarray, label: np.ndarray, names: Sequence[str], largest: float | None = None
 ) -> Circles:
-    """Circles of profiles `flat` (2, n) mm with profile numbers `label` (n,) in 0..count-1.
+    """Circles of profiles `flat` (2, n) mm with profile numbers `label` (n,) from 0.
 
-    largest: radius of the ball, where known; no section is larger. Consensus of three points
+    names: of the profiles, one a number, for sentences. largest: radius of the ball, where known; no section is
+    larger. Consensus of three points
     (Fischler & Bolles, CACM 24 (1981)) at a width taken from the point-to-point noise, then the
     geometric fit, trimmed at 3.5 sigma and at ends that are twice as noisy as the middle.
     InputError where a profile holds fewer than ten points on a circle.
     """
+    count = len(names)
     noise = _noise(flat, label, count)
     used = np.concatenate(
-        [_consensus(flat[:, label == k], noise, largest, k) for k in range(count)]
+        [_consensus(flat[:, label == k], noise, largest, names[k]) for k in range(count)]
     )
     order = np.argsort(label, kind="stable")
     used = used[np.argsort(order, kind="stable")]
     for _ in range(_STEPS):
-        centre, radius = fit_circles(flat, label, used, count)
+        centre, radius = fit_circles(flat, label, used, names)
         gap = _gaps(flat, label, centre, radius)
         is_inlier = _within(gap, label, used, count) & ~_ragged_ends(
             flat, label, used, centre, gap, count
@@ -64,20 +67,21 @@ def find_circles(
         radius,
         np.sqrt(square / np.maximum(number - 3, 1)),
         used,
-        _words(label, used, count),
+        _words(label, used, names),
     )
 
 
-def fit_circles(flat, label, used, count) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (2, count) and radii (count,) that minimise the sum of squared distances, by Gauss-Newton.
+def fit_circles(flat, label, used, names) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (2, P) and radii (P,) that minimise the sum of squared distances, by Gauss-Newton.
 
-    Started from Kasa's algebraic fit (IEEE Trans. Instrum. Meas. 25 (1976)).
+    names (P): of the profiles, for sentences. Started from Kasa's algebraic fit (IEEE Trans. Instrum. Meas. 25 (1976)).
     """
     x, z, k = *flat[:, used], label[used]
+    count = len(names)
     if np.bincount(k, minlength=count).min() < _FEWEST:
         few = int(np.argmin(np.bincount(k, minlength=count)))
         raise InputError(
-            f"profile {few}: expected at least {_FEWEST} points on one circle, found "
+            f"{names[few]}: expected at least {_FEWEST} points on one circle, found "
             f"{np.bincount(k, minlength=count)[few]}; take the profile out or aim at the ball"
         )
     number = np.bincount(k, minlength=count)
@@ -125,11 +129,11 @@ def _noise(flat, label, count):
     return max(float(np.median(spreads)), 1e-4) if spreads else 1e-4
 
 
-def _consensus(flat, noise, largest, k):
+def _consensus(flat, noise, largest, name):
     """(n,) True for the points of one profile within 6 noises of the circle that has most of them."""
     if flat.shape[1] < _FEWEST:
         raise InputError(
-            f"profile {k}: expected at least {_FEWEST} points, found {flat.shape[1]}; "
+            f"{name}: expected at least {_FEWEST} points, found {flat.shape[1]}; "
             "take the profile out or aim at the ball"
         )
     draw = np.random.default_rng(0).integers(flat.shape[1], size=(3, _TRIPLES))
@@ -138,7 +142,7 @@ def _consensus(flat, noise, largest, k):
     fair = np.isfinite(radius) & (radius < biggest)
     if not fair.any():
         raise InputError(
-            f"profile {k}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
+            f"{name}: expected an arc of a ball, found no circle smaller than {biggest:.4g} mm; "
             "check the radius or take the profile out"
         )
     centre = centre[:, fair]
@@ -197,11 +201,12 @@ def _cells_of_arc(from_centre, label, used, count, cells):
     return np.clip((share * cells).astype(int), 0, cells - 1)
 
 
-def _words(label, used, count):
+def _words(label, used, names):
+    count = len(names)
     total = np.bincount(label, minlength=count)
     inliers = np.bincount(label[used], minlength=count)
     return tuple(
-        f"profile {k}: {t - u} of {t} points left out, off the circle or at its ragged ends"
-        for k, (t, u) in enumerate(zip(total.tolist(), inliers.tolist()))
+        f"{name}: {t - u} of {t} points left out, off the circle or at its ragged ends"
+        for name, t, u in zip(names, total.tolist(), inliers.tolist())
         if t - u > 0.02 * t
     )

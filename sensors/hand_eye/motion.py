@@ -1,6 +1,6 @@
 """Sentences on what the motions of a hand-eye set do not determine, and on mistakes in its poses."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,40 +118,45 @@ def _motion(moved, twists, sentence):
     return Motion(twists, np.concatenate([carried, spun]), (sentence,))
 
 
-def readings(flange: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Other readings of flange poses (P, 4, 4), each with its words; the simple ones first."""
+def readings(flange: np.ndarray, names: Sequence[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Other readings of flange poses (P, 4, 4) called `names`, each with its words; the simple ones first."""
     rotation = flange[:, :3, :3]
     place = flange[:, :3, 3]
     yield "the positions look like metres given for millimetres", transform(rotation, 1000 * place)
     yield "the positions look too large by 1000", transform(rotation, place / 1000)
     for reading in pose_readings(flange):
         yield reading.seems, reading.flange
-    yield from _exchanged(flange)
+    yield from _exchanged(flange, names)
 
 
-def _exchanged(flange):
+def _exchanged(flange, names):
     if len(flange) > _MOST:
         return
     for i, j in zip(*np.triu_indices(len(flange), 1)):
         order = np.arange(len(flange))
         order[[i, j]] = order[[j, i]]
-        yield f"poses {i} and {j} look exchanged", flange[order]
+        yield f"the flange poses of {names[i]} and {names[j]} look exchanged", flange[order]
 
 
 def profile_suspicions(
-    flange: np.ndarray, circles: np.ndarray, radius: float | None, misfit: float
+    flange: np.ndarray,
+    names: Sequence[str],
+    circles: np.ndarray,
+    radius: float | None,
+    misfit: float,
 ) -> tuple[str, ...]:
-    """The same for circles (3, P) of one ball, asked only where an arm would have to be off by a millimetre.
+    """Mistakes in flange poses (P, 4, 4), called `names`, at which circles (3, P) of one ball were measured.
 
-    misfit: mm, RMS of what the poses as given leave of the circles. The search for a start is
-    run for every reading, with few valleys, and the best two again with all of them.
+    Asked only where an arm would have to be off by a millimetre. misfit: mm, RMS of what the poses as given leave of
+    the circles. The search for a start is run for every reading, with few valleys, and the best two again with all of
+    them.
     """
     if misfit < _POOR:
         return ()
     tried = sorted(
         (
             (find_start(circles, poses, radius, 2, 60).rms, k, words, poses)
-            for k, (words, poses) in enumerate(readings(flange))
+            for k, (words, poses) in enumerate(readings(flange, names))
         ),
         key=lambda row: row[:2],
     )[:2]

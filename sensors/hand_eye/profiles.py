@@ -24,10 +24,18 @@ _SCALE = "sensor.range_scale"
 
 
 def hand_eye_from_profiles(
-    points, pose, flange, radius=None, radius_sigma=None, weights="equal", range_scale=None
+    points,
+    pose,
+    flange,
+    radius=None,
+    radius_sigma=None,
+    weights="equal",
+    range_scale=None,
+    names=None,
 ) -> HandEye:
     """Hand-eye, ball and, where `radius` is None, its radius, from profiles at flange poses, without a guess.
 
+    names: what each pose is called in sentences, None: "pose 0", "pose 1", ...
     points: (3, n) mm, (x, 0, z) in the profiler's frame, rows with nan are dropped; pose (n,) int,
     row of `flange` (P, 4, 4) T_base_flange of each point. radius_sigma: 1 sigma, mm, to which the
     radius is known, None: exactly. weights: "equal" minimises the RMS distance of all points from
@@ -39,7 +47,8 @@ def hand_eye_from_profiles(
     """
     points, pose, flange = _checked(points, pose, flange)
     flat = points[[0, 2]]
-    circles = find_circles(flat, pose, len(flange), radius)
+    names = [f"pose {k}" for k in range(len(flange))] if names is None else names
+    circles = find_circles(flat, pose, names, radius)
     start = find_start(np.concatenate([circles.centre, [circles.radius]]), flange, radius)
     chain = _chain(flat, pose, flange, circles, start, radius_sigma, weights)
     values = np.append(start.values, 0.0)
@@ -51,7 +60,7 @@ def hand_eye_from_profiles(
         max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2])
     )
     suspicions = profile_suspicions(
-        flange, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms
+        flange, names, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms
     )
     most = (
         0 if suspicions else len(flange) // 4
@@ -117,7 +126,10 @@ def _best(chain, parameters, first, weights, range_scale, most):
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (without_scale, scaled))
     scale = scaled[0].parameters[_SCALE]
-    words = f"scale of the profiler's z {scale:+.2%}: held-out {before:.3g} -> {after:.3g} mm"
+    words = (
+        f"scale error of the profiler's z {scale:+.2%} (positive: z is measured too long): held-out {before:.3g} -> "
+        f"{after:.3g} mm"
+    )
     return (
         (scaled, (f"{words}, kept",))
         if after < before

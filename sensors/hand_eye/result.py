@@ -16,7 +16,8 @@ from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 class PoseRow:
     """One pose: `residual` RMS with the robot held exact, `held_out` RMS predicted from the other poses
     (px of a point, or mm from the ball), `moved_mm` and `rotation_deg` what the adjustment thinks the
-    robot was off by, `chance` of a pose that is further off, `outlier` True: left out, and `why`."""
+    robot was off by, `chance` of a pose that is further off, `outlier` True: left out, and `why`. `pose` is
+    the row of the flange poses, from 0, and no name of the user: `why` goes with the name of the image or pose."""
 
     pose: int
     residual: float
@@ -39,7 +40,8 @@ class HandEye:
     `target_covariance` of the same kind, of a ball (3, 3); `noise` 1 sigma of the sensor (`unit` px, or
     mm in the light plane); `robot_sigma` of the flange poses at the board, of a board also at the
     flange's origin (`FlangeVariance.as_keys`); `fit` and `held_out` (each pose from the
-    others): RMS, and the scatter of the board; `undetermined` and `suspicions` sentences; `std` by key
+    others): RMS, and the scatter of the board; `range_scale` s of a profiler: it measures (1 + s) times the true z;
+    `undetermined` and `suspicions` sentences; `std` by key
     of `parameters`, the camera's by camera.fx, camera.fy, ...; inf where it is not determined.
     """
 
@@ -118,7 +120,7 @@ def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseR
     usual = rms(held_out, ~mine)
     why = (
         (
-            f"pose {pose}: {other:.3g} {unit} from the prediction of the other poses, "
+            f"{other:.3g} {unit} from the prediction of the other poses, "
             f"which are {usual:.3g} {unit} off; left out: check its flange pose and its image"
         )
         if blunder

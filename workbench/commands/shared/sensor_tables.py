@@ -169,7 +169,8 @@ def _profiler(answer: Mapping) -> list[str]:
     lines = [f"noise of a profile: {number(answer['noise'])} {answer['noise_unit']}"]
     if answer.get("range_scale_std"):
         lines.append(
-            f"scale error of the profiler's z: {answer['range_scale']:+.2%}, 1 sigma {answer['range_scale_std']:.2%}"
+            f"scale error of the profiler's z (positive: z is measured too long): {answer['range_scale']:+.2%}, "
+            f"1 sigma {answer['range_scale_std']:.2%}"
         )
     if answer.get("free_radius_std_mm") and not answer["radius_std_mm"]:
         radius, std = measured(answer["free_radius_mm"], answer["free_radius_std_mm"])

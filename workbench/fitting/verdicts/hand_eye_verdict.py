@@ -46,8 +46,11 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     verdict = (
         _boards(run, tolerances) if hand_eye.radius is None else _profiles(hand_eye, tolerances)
     )
-    if not causes:
-        return _with_suspicion(verdict, [*suspicions(run), *_refused_camera(run)])
+    suspected = [*suspicions(run), *_refused_camera(run)]
+    if (
+        suspected or not causes
+    ):  # a mistake that is named is the likely reason why anything is undetermined
+        return _with_suspicion(verdict, suspected)
     sentence = f"Not determined: {'; '.join(causes)}. {_undetermined_remedy(run)}."
     return replace(verdict, passed=False, sentence=sentence, parts=())
 
@@ -248,12 +251,11 @@ def handeye_warnings(run) -> list[str]:
     """What a user must read before the result is used: suspected mistakes, what is undetermined, images left out."""
     hand_eye, causes = run.made, undetermined_causes(run)
     left_out = [
-        f"image {name}: {row.why.partition(': ')[2] or row.why}"
+        f"{name if run.board is None else f'image {name}'}: {row.why}"
         for name, row in zip(run.names, hand_eye.poses)
         if row.outlier
     ]
     open_ones = [f"undetermined: {'; '.join(causes)}; {_lower(_undetermined_remedy(run))}"]
-    # a mistake that is named is the likely reason why anything is undetermined
     return [
         *suspicions(run),
         *repeated_warnings(run.camera_trust, "camera"),

@@ -246,15 +246,14 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
         recording, recording.points[pose == 0].T, None if ball is None else float(ball[3])
     )
     flange = flange_poses(recording)[first]
-    hand_eye = hand_eye_from_profiles(
-        recording.points.T, pose, flange, None if ball is None else ball[3]
-    )
+    named = recording.columns.get("pose", labels)
+    names = tuple(f"pose {named[row]:g}" for row in first)
+    radius = None if ball is None else ball[3]
+    hand_eye = hand_eye_from_profiles(recording.points.T, pose, flange, radius, names=names)
     free = None
     if ball is not None:
         progress("the same with a radius of its own")
-        free = hand_eye_from_profiles(recording.points.T, pose, flange, None)
-    named = recording.columns.get("pose", labels)
-    names = tuple(f"pose {named[row]:g}" for row in first)
+        free = hand_eye_from_profiles(recording.points.T, pose, flange, None, names=names)
     return HandEyeRun(recording, hand_eye, flange, names, free=free)
 
 
@@ -306,8 +305,9 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
 
 
 def profiler_json(run: HandEyeRun) -> dict:
-    """Of profiles: the scale of the profiler's z, as one plus it, and the ball's radius where it is fitted; sigmas None
-    where a number is held."""
+    """Of profiles: the scale error s of the profiler's z and the ball's radius where it is fitted.
+
+    Measured z = (1 + s) true z, as in the effect range-scale. Sigmas are None where a number is held."""
     hand_eye = run.made
     free = run.made if run.free is None else run.free
     if hand_eye.radius is None:

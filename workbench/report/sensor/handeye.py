@@ -222,12 +222,12 @@ def _errors(run):
 
 def _gathered(notes) -> list[str]:
     """Notes; equal notes on single profiles are combined into one."""
-    same = [line for line in notes if line.startswith("profile ") and line.endswith(_RAGGED)]
+    same = [line for line in notes if line.endswith(_RAGGED)]
     if len(same) < 3:
         return list(notes)
-    by_profile = ", ".join(line.removeprefix("profile ").removesuffix(_RAGGED) for line in same)
+    by_profile = ", ".join(line.removesuffix(_RAGGED) for line in same)
     return [
-        f"points left out, off the circle or at its ragged ends, by profile: {by_profile}",
+        f"points left out, off the circle or at its ragged ends: {by_profile}",
         *(n for n in notes if n not in same),
     ]
 
@@ -317,7 +317,7 @@ def _profiler(run):
     for title, key, values, unit in (
         ("radius of the sphere", "target.radius", [fit.radius for fit in both], "mm"),
         (
-            "scale error of the profiler’s z",
+            "scale error of the profiler’s z (positive: measured too long)",
             "sensor.range_scale",
             [100 * fit.range_scale for fit in both],
             "%",

@@ -189,7 +189,8 @@ def _share_of_sections(profiles, radius) -> float:
 
 def _circles(profiles, largest):
     label = np.repeat(np.arange(len(profiles)), [part.shape[1] for part in profiles])
-    return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, len(profiles), largest)
+    names = [f"profile {k + 1}" for k in range(len(profiles))]
+    return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, names, largest)
 
 
 def _compared(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
