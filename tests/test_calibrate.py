@@ -54,10 +54,15 @@ def test_a_stage_that_another_replaces_is_taken_back(clean):
 
 
 @pytest.mark.parametrize(
-    ("masses", "payload", "warned"),
-    [(False, False, True), (True, False, False), (False, True, False)],
+    ("effect", "masses", "payload", "warned"),
+    [
+        ("joint-compliance", False, False, True),
+        ("pedestal-compliance", False, False, True),
+        ("joint-compliance", True, False, False),
+        ("joint-compliance", False, True, False),
+    ],
 )
-def test_a_compliance_without_any_mass_is_warned_of(masses, payload, warned, tmp_path):
+def test_a_compliance_without_any_mass_is_warned_of(effect, masses, payload, warned, tmp_path):
     """Torques of gravity need the mass of a link or of a load; without both the stage estimates nothing."""
     robot = ABB if masses else WITHOUT_MASSES
     recording = scene("external-point", n=40, arm=robot).recording
@@ -66,15 +71,16 @@ def test_a_compliance_without_any_mass_is_warned_of(masses, payload, warned, tmp
         columns["payload_kg"] = np.linspace(0, 3, 40)
     recording = replace(recording, columns=columns)
     plan = tmp_path / "elastic.toml"
+    where = "base" if effect == "pedestal-compliance" else "joint-2"
     plan.write_text(
         'format = "plan/1"\n[[stage]]\nname = "compliance"\nwhy = "gravity"\n'
-        'effects = [{ effect = "joint-compliance", where = "joint-2" }]\nearn = false\n'
+        f'effects = [{{ effect = "{effect}", where = "{where}" }}]\nearn = false\n'
     )
     warnings = calibrate(recording, plan=str(plan)).warnings
     found = [one for one in warnings if one.startswith("The robot has no masses")]
     assert bool(found) is warned
     if warned:
-        assert "Use gravity-compliance" in found[0] and "mass_kg" in found[0]
+        assert f"{effect} has no effect" in found[0] and "Use gravity-compliance" in found[0]
 
 
 def test_confounded_parameters_name_each_other_and_carry_no_std(clean):

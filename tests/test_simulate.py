@@ -311,6 +311,14 @@ WRONG = {
         {"effect": [cause("zero-offset", "joint-1", {}, {})] * 2},
         "key effect: two parameters are called",
     ),
+    "no masses": (
+        {
+            "robot": "kuka_kr6_r900",
+            "payload_kg": None,
+            "effect": [cause("joint-compliance", "joint-2", {}, {"compliance": 2e-4})],
+        },
+        "joint-compliance at joint-2 has no torque to act on: .* Use gravity-compliance",
+    ),
     "no speeds": ({"speeds_deg_s": 0.0}, "key speeds_deg_s"),
 }
 
@@ -319,7 +327,8 @@ WRONG = {
 def test_a_scene_that_cannot_be_is_a_sentence(tmp_path, name):
     keys, sentence = WRONG[name]
     with pytest.raises(InputError, match=sentence) as problem:
-        simulate(written(tmp_path, TRACKER | keys))
+        scene = {key: value for key, value in (TRACKER | keys).items() if value is not None}
+        simulate(written(tmp_path, scene))
     assert "\n" not in str(problem.value) and ".toml" in str(problem.value)
 
 
@@ -358,6 +367,23 @@ def test_a_covariate_that_the_scene_does_not_give_is_a_sentence(tmp_path, key, r
     scene = {k: v for k, v in TRACKER.items() if k != key} | {"effect": [cause(*row, values)]}
     with pytest.raises(InputError, match=f"a.toml, key effect: .*{sentence}"):
         simulate(written(tmp_path, scene))
+
+
+@pytest.mark.parametrize(
+    ("more", "effects"),
+    [
+        ({"payload_kg": [0.0, 3.0]}, []),
+        ({}, [cause("payload", "tool", {}, {"mass": 3.0})]),
+    ],
+    ids=["recorded", "not recorded"],
+)
+def test_a_load_is_a_torque_for_compliance_to_act_on(tmp_path, more, effects):
+    """The arm states no masses; a load alone makes joints deflect, whether its mass is recorded or not."""
+    plain = {k: v for k, v in TRACKER.items() if k != "payload_kg"} | {"robot": "kuka_kr6_r900"}
+    soft = cause("joint-compliance", "joint-2", {}, {"compliance": 2e-4})
+    stiff = simulate(written(tmp_path, plain | more | {"effect": effects}))
+    loaded = simulate(written(tmp_path, plain | more | {"effect": [*effects, soft]}))
+    assert np.abs(loaded.points - stiff.points).max() > 0.1
 
 
 @pytest.mark.parametrize("arm", [CRAIG, SLIDING], ids=["craig", "sliding"])

@@ -22,6 +22,7 @@ from workbench.core.parameters import Parameters
 from workbench.core.robot_description import description_keys, is_description
 from workbench.core.terms import switched_off, term_names
 from workbench.files.scene import Pose, Scene, read_scene
+from workbench.fitting.missing_masses import check_loads
 
 
 def simulate(path: Path, without: Sequence[str] = ()) -> Recording:
@@ -83,6 +84,7 @@ def truth_from(scene: Scene, path: Path) -> Truth:
     try:
         model, parameters = _truth(scene, bind(robot, shown, start), geometry)
         model.residual(parameters)
+        check_loads(model, parameters)
     except InputError as problem:
         raise InputError(f"scene {path}, key effect: {problem}") from None
     return Truth(shown, model, parameters, rng)
