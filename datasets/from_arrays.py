@@ -8,7 +8,7 @@ import numpy as np
 from datasets.checks import Context, check_samples
 from datasets.columns import GROUPS, TEXT, misspelt
 from datasets.formats.table import Table, number_groups
-from workbench.core.builtin_names import check_builtin_name
+from workbench.core.builtin_names import builtin_keys, check_builtin_name
 from workbench.core.errors import InputError
 from workbench.core.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
@@ -44,8 +44,13 @@ def from_arrays(
             "Recording.from_arrays: expected joints_deg (n, J) and points_mm (n, 3), found "
             f"{joints.shape} and {points.shape}; transpose or select rows"
         )
+    if n == 0:
+        raise InputError(
+            f"{_CALLED}, points_mm: expected at least one row, found none; check the selection of the rows"
+        )
+    described = builtin_keys(keys)
     made = {"sample": np.arange(1.0, n + 1)}
-    made |= dict(zip(_joint_names(keys, joints.shape[1]), joints.T))
+    made |= dict(zip(_joint_names(described, joints.shape[1]), joints.T))
     made |= {name: points[:, i] for i, name in enumerate(("x_mm", "y_mm", "z_mm"))}
     if quaternions is not None:
         rotations = _numbers("quaternions", quaternions)
@@ -69,7 +74,7 @@ def from_arrays(
     measures = "external-point" if quaternions is None else "external-pose"
     _check_sigma(sigma_mm)
     table = number_groups(Table(_CALLED, made, np.arange(n)), GROUPS)
-    check_samples(table, Context(measures, keys, sigma_mm=sigma_mm))
+    check_samples(table, Context(measures, described, sigma_mm=sigma_mm))
     return kind(
         measures,
         dict(table.columns),
@@ -150,6 +155,13 @@ def _wrong_values(name: str, expected: str, found: str, remedy: str) -> InputErr
 
 def _check_sigma(sigma_mm) -> None:
     """Raise InputError for a standard deviation that is no number above zero."""
+    if np.ndim(sigma_mm):
+        raise _wrong_values(
+            "sigma_mm",
+            "one number above zero, or None",
+            f"an array of shape {np.shape(sigma_mm)}",
+            "state the sigma of each row as sigma_x_mm, sigma_y_mm and sigma_z_mm",
+        )
     is_number = isinstance(sigma_mm, int | float | np.number) and np.isreal(sigma_mm)
     if sigma_mm is not None and not (is_number and 0 < sigma_mm < np.inf):
         raise _wrong_values(
@@ -163,6 +175,11 @@ def _robot_keys(robot: str | Mapping) -> Mapping:
         if "builtin" in robot:
             check_builtin_name(robot["builtin"], f"{_CALLED}, robot")
         return robot
+    if not isinstance(robot, str | Path):
+        raise InputError(
+            f"{_CALLED}, robot: expected the name of a built-in robot, a file or the keys of a robot.toml, found "
+            f"{robot!r}; name the robot whose joints were read"
+        )
     path = Path(robot)
     if is_description(path):
         return description_keys(path)

@@ -206,6 +206,10 @@ def test_a_recording_from_arrays_is_checked_like_a_file(recording):
         ({"sigma_mm": -0.02}, "sigma_mm: expected a number above zero"),
         ({"sigma_mm": float("nan")}, "sigma_mm: expected a number above zero"),
         ({"sigma_mm": "0.02"}, "sigma_mm: expected a number above zero"),
+        (
+            {"sigma_mm": np.full(100, 0.02)},
+            "sigma_mm: .* state the sigma of each row as sigma_x_mm",
+        ),
     ],
 )
 def test_wrong_values_of_arrays_are_a_sentence(recording, columns, found):
@@ -224,6 +228,35 @@ def test_wrong_values_of_arrays_are_a_sentence(recording, columns, found):
 def test_wrong_joints_of_arrays_are_a_sentence(joints, found):
     with pytest.raises(wb.InputError, match=found):
         wb.Recording.from_arrays("ur10", joints, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("robot", "shapes", "found"),
+    [
+        (None, ((5, 6), (5, 3)), "robot: expected the name of a built-in robot, .* found None"),
+        ("ur10", ((5, 7), (5, 3)), "column q7_deg: expected 6 joints"),
+        ("ur10", ((5, 5), (5, 3)), "column q5_deg: expected 6 joints"),
+        ("ur10", ((0, 6), (0, 3)), "expected at least one row, found none"),
+    ],
+)
+def test_arrays_that_no_robot_can_give_are_a_sentence(robot, shapes, found):
+    random = np.random.default_rng(0)
+    with pytest.raises(wb.InputError, match=f"from_arrays, .*{found}"):
+        wb.Recording.from_arrays(robot, *(random.uniform(-80, 80, shape) for shape in shapes))
+
+
+@pytest.mark.parametrize(
+    ("call", "found"),
+    [
+        (lambda: wb.read(5), "recording: expected a folder or a known name, found 5"),
+        (lambda: wb.scan("a", scanner=3), "scanner: expected Path | str.*, found 3"),
+        (lambda: wb.camera("a", tolerance=0.3), "tolerance: expected Sequence.*, found 0.3"),
+        (lambda: wb.calibrate("a", folds="four"), "folds: expected int.*, found 'four'"),
+    ],
+)
+def test_a_value_of_another_type_is_a_sentence(call, found):
+    with pytest.raises(wb.InputError, match=found.replace("|", "[|]")):
+        call()
 
 
 def test_names_of_reflectors_in_arrays_are_numbered_as_in_a_file(recording):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from datasets import papers
 from workbench.core.errors import InputError
-from workbench.jobs.robot.register import register
+from workbench.jobs.robot.register import register, suspicions
 
 CLOUDS = ("identified", "controller", "nominal")
 
@@ -57,6 +57,38 @@ def test_a_point_far_off_is_named_and_noise_is_not():
     assert register(points, points).outliers() == []
     measured[7] += [2.0, 0.0, 0.0]
     assert register(points, measured).outliers() == [7]
+
+
+READINGS = {
+    "mirror image": lambda points: points * [1, -1, 1],
+    "source in inches": lambda points: points / 25.4,
+    "target in metres": lambda points: points * 1000,
+    "are 0.8 times": lambda points: points / 0.8,
+}
+
+
+@pytest.mark.parametrize("matched", [True, False], ids=["by row", "nearest"])
+@pytest.mark.parametrize("words", READINGS)
+def test_a_mirror_image_and_another_unit_are_suspected(words, matched):
+    rng = np.random.default_rng(8)
+    target = rng.normal(0, 1, (10, 3)) * [300, 200, 100]
+    source = READINGS[words](target) + rng.normal(0, 1e-3, target.shape)
+    found = suspicions(source, target, register(source, target, matched), matched)
+    assert len(found) == 1 and words in found[0]
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 30])
+def test_noise_scale_errors_and_unrelated_points_are_no_mirror_image(count):
+    """Few points, points near a plane, an arm with a scale error of 0.2 %, and points that have nothing in common."""
+    rng = np.random.default_rng(count)
+    for _ in range(25):
+        points = rng.normal(size=(count, 3)) * [300, 200, 1]
+        for target in (
+            points + rng.normal(0, 0.3, points.shape),
+            points * 1.002 + rng.normal(0, 0.01, points.shape),
+            rng.normal(size=(count, 3)) * 100,
+        ):
+            assert suspicions(points, target, register(points, target)) == ()
 
 
 def test_points_on_a_line_determine_no_rotation():

@@ -11,6 +11,7 @@ import io
 import json
 import shutil
 import tempfile
+import types
 import typing
 from collections.abc import Callable
 from difflib import get_close_matches
@@ -19,11 +20,12 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import typer
 
 from workbench.api.inputs import as_argument, sample_list, sources_list
 from workbench.api.results import ANSWER, SUMMARY, Result
-from workbench.api.signatures import docstring_of, plain_type, signature_of
+from workbench.api.signatures import accepted_type, docstring_of, plain_type, signature_of
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files import runs
@@ -100,7 +102,7 @@ def run(command: Callable, arguments: dict) -> Result:
     folder = Path(owner.name)
     accepted = inspect.signature(command).parameters
     given = {
-        name: _converted(_argument(name, value, folder), accepted[name])
+        name: _checked(_converted(_argument(name, value, folder), accepted[name]), accepted[name])
         for name, value in arguments.items()
     }
     if "out" in accepted and given.get("out") is None and _is_run_folder(accepted["out"]):
@@ -212,6 +214,21 @@ def _converted(value, parameter: inspect.Parameter):
         if any(typing.get_args(kind) == (str,) for kind in kinds):
             return [str(item) for item in value]
     return str(value) if isinstance(value, Path) and str in kinds and Path not in kinds else value
+
+
+def _checked(value, parameter: inspect.Parameter):
+    """The value; InputError where the command takes other types, as a number where a path or a text is expected."""
+    kind = plain_type(parameter)
+    kinds = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    plain = tuple(typing.get_origin(one) or one for one in kinds)
+    plain = tuple(one for one in plain if isinstance(one, type))
+    others = {float: (int, np.number), int: (np.integer,), list: (tuple, set)}
+    fitting = (*plain, *(other for one in plain for other in others.get(one, ())))
+    if len(plain) < len(kinds) or value is None or isinstance(value, fitting):
+        return value
+    raise InputError(
+        f"{parameter.name}: expected {accepted_type(parameter)}, found {value!r}; give one of these types"
+    )
 
 
 def _member(value: str, kind: type[Enum], name: str) -> Enum:

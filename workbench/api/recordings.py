@@ -4,12 +4,14 @@ from pathlib import Path
 
 from datasets.recording import Recording
 from robot_model import builtin_robots
+from robot_model.loading import whole_keys
 from workbench.core.builtin_names import state_builtin_names
+from workbench.core.errors import InputError
 
 __all__ = ["Recording", "load_example", "read"]
 
-# recordings may not import robots: `Recording.from_arrays` checks the name of a robot by what is stated here
-state_builtin_names(builtin_robots)
+# recordings may not import robots: `Recording.from_arrays` checks name and joints of a robot by what is stated here
+state_builtin_names(builtin_robots, whole_keys)
 
 
 def read(recording: str | Path, trust_data: bool = False) -> Recording:
@@ -32,6 +34,11 @@ def read(recording: str | Path, trust_data: bool = False) -> Recording:
     """
     import datasets
 
+    if not isinstance(recording, str | Path):
+        raise InputError(
+            f"read, recording: expected a folder or a known name, found {recording!r}; name the folder of a "
+            "recording.toml"
+        )
     return datasets.read(recording, trust_data)
 
 

@@ -1,21 +1,30 @@
-"""Names of the built-in robots, for layers that may not import the robots.
+"""Names and files of the built-in robots, for layers that may not import the robots.
 
-The public API states the names. A layer that may not import the robots, such as the recordings, then refuses an unknown
-name by `check_builtin_name`, which accepts every name as long as nobody has stated any.
+The public API states them. A layer that may not import the robots, such as the recordings, then refuses an unknown
+name by `check_builtin_name`, which accepts every name as long as nobody has stated any, and `builtin_keys` are empty.
 """
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from workbench.core.errors import complaint
 
 _SIMILARITY = 0.5
 _stated: list[Callable[[], Sequence[str]]] = []
+_stated_keys: list[Callable[[Mapping], Mapping]] = []
 
 
-def state_builtin_names(names: Callable[[], Sequence[str]]) -> None:
-    """State the function that lists the names of the built-in robots."""
+def state_builtin_names(
+    names: Callable[[], Sequence[str]], keys: Callable[[Mapping], Mapping]
+) -> None:
+    """State the functions that list the names of the built-in robots, and that give the keys of {"builtin": name}."""
     _stated[:] = [names]
+    _stated_keys[:] = [keys]
+
+
+def builtin_keys(robot: Mapping) -> Mapping:
+    """Keys of robot.toml of an arm; of a built-in one those of its file, or as they are where nobody stated them."""
+    return _stated_keys[0](robot) if "builtin" in robot and _stated_keys else robot
 
 
 def _plain(name: str) -> str:

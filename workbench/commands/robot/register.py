@@ -43,7 +43,7 @@ def command(
     runs.check_place(out)
     with answer.progress(f"reading {source}"):
         from workbench.files.points import read_points
-        from workbench.jobs.robot.register import register, save
+        from workbench.jobs.robot.register import register, save, suspicions
 
         names, points = read_points(source)
         other_names, others = read_points(target)
@@ -61,6 +61,7 @@ def command(
                 **found.as_json(),
                 "max_point": labels[int(found.distances.argmax())],
                 "outliers": [labels[k] for k in found.outliers()],
+                "warnings": list(suspicions(points, others, found, not nearest)),
                 "verdict": no_verdict(_NO_RESIDUAL).as_json(),
                 "run": run.path,
             }
@@ -103,6 +104,8 @@ def _show(console, result) -> None:
     }
     rows = [[text, result[key]] for key, text in names.items() if result[key] is not None]
     tables.grid(console, f"{result['points']} points", ["", "mm"], rows)
+    for sentence in result["warnings"]:
+        console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     if result["outliers"]:
         console.print(
             f"Warning: {', '.join(result['outliers'])}: much farther off than the other points, whose agreement is "

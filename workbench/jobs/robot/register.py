@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from workbench.core.distributions import chi2
+from workbench.core.distributions import chi2, fisher
 from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation, transform
 from workbench.core.text.csv_text import csv_text
@@ -22,6 +22,14 @@ _FLAT = 1e-6  # share of the largest extent below which points lie on a line
 _SIGNS = tuple(product((1, -1), repeat=3))
 _CHANCE = 1e-3  # that one of all points is called an outlier with none there
 _FREE = 6  # numbers of a rigid transform
+_MIRROR = np.array([1.0, 1.0, -1.0])
+_BETTER = (
+    3.0  # RMS distance over that of another reading of the points, from which on it is suspected
+)
+_LARGEST = 0.1  # RMS distance over the extent of the target, above which the points have too little in common
+_LEAST_SCALE = 0.01  # a smaller error of scale is one of arm or instrument, not of the unit
+_NEAR_UNIT = 0.02
+_UNITS = {"inches": 25.4, "metres": 1000.0, "centimetres": 10.0, "feet": 304.8}
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,56 @@ def register(source: np.ndarray, target: np.ndarray, matched: bool = True) -> Re
     matrix = _aligned(source, target[rows])
     residual = source @ matrix[:3, :3].T + matrix[:3, 3] - target[rows]
     return Registration(matrix, rows, residual, _left_one_out(source, target[rows]))
+
+
+def suspicions(
+    source: np.ndarray, target: np.ndarray, found: Registration, matched: bool = True
+) -> tuple[str, ...]:
+    """A sentence where a mirror image of the source, or the source in another unit, fits the target far better.
+
+    source (n, 3) and target (m, 3) mm, as registered in `found`. Far better: RMS below a third, a ratio of variances
+    that an F-test rejects at 0.1 %, and distances that are small against the extent of the target, as those of points
+    that have nothing in common are not.
+    """
+    aim = target[found.target_row] if matched else target
+    limit = _LARGEST * _spread(aim)
+    mirrored = register(source * _MIRROR, target, matched)
+    if _is_better(mirrored, found, limit):
+        return (
+            "the source looks like a mirror image of the target: with one coordinate reversed the RMS distance is "
+            f"{_rms(mirrored.distances):.3g} mm instead of {_rms(found.distances):.3g} mm; one of the two is in a "
+            "left-handed frame: reverse the sign of a coordinate, or exchange two columns, in one file",
+        )
+    ratio = _spread(aim) / _spread(source)
+    scaled = register(source * ratio, target, matched)
+    if abs(ratio - 1) < _LEAST_SCALE or not _is_better(scaled, found, limit):
+        return ()
+    return (
+        f"distances between the target's points are {ratio:.4g} times those of the source{_unit_question(ratio)}: with "
+        f"the source scaled by this factor the RMS distance is {_rms(scaled.distances):.3g} mm instead of "
+        f"{_rms(found.distances):.3g} mm; convert both files to mm",
+    )
+
+
+def _unit_question(ratio: float) -> str:
+    """Which file may be in another unit, where target over source is the ratio of a unit to mm."""
+    for name, size in _UNITS.items():
+        for file, factor in (("source", ratio), ("target", 1 / ratio)):
+            if abs(factor / size - 1) < _NEAR_UNIT:
+                return f" ({file} in {name}?)"
+    return ""
+
+
+def _spread(points: np.ndarray) -> float:
+    """mm, RMS distance of the points from their mean."""
+    return _rms(np.linalg.norm(points - points.mean(0), axis=1))
+
+
+def _is_better(other: Registration, found: Registration, limit: float) -> bool:
+    """Whether another reading of the points fits far better, with an RMS distance below `limit` mm."""
+    degrees = max(3 * len(found.residual) - _FREE, 1)
+    fall = max(_BETTER, float(np.sqrt(fisher.isf(_CHANCE, degrees, degrees))))
+    return fall * _rms(other.distances) < _rms(found.distances) and _rms(other.distances) < limit
 
 
 def _check(points: np.ndarray, name: str) -> None:
@@ -165,4 +223,4 @@ def save(found: Registration, labels: list[str], folder: Path) -> None:
     (folder / "residuals.csv").write_text(csv_text(head, lines), encoding="utf-8")
 
 
-__all__ = ["Registration", "register", "save"]
+__all__ = ["Registration", "register", "save", "suspicions"]

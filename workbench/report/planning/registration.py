@@ -8,7 +8,7 @@ from workbench.jobs.robot.register import Registration
 from workbench.report import style
 from workbench.report.calibration.scene import arrow_scale
 from workbench.report.sections import Page, Section, facts, figure, table
-from workbench.report.text import rounded
+from workbench.report.text import rounded, sentence
 
 _MOST_BARS = 60
 
@@ -21,7 +21,8 @@ def page(found: Registration, points: np.ndarray, labels: Sequence[str], answer:
         ("leave-one-out RMS distance", rounded(answer["left_one_out_rms_mm"]), "mm"),
     )
     outliers = answer["outliers"]
-    warning = f"Much farther off than the other points: {', '.join(outliers)}." if outliers else ""
+    far = f"Much farther off than the other points: {', '.join(outliers)}." if outliers else ""
+    warning = " ".join([*map(sentence, answer["warnings"]), far]).strip()
     sections = (
         Section("points", "Points", tuple(_distances(found, labels))),
         Section("space", "Residuals in space", (_in_space(found, points, labels),)),
