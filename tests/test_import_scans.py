@@ -118,10 +118,15 @@ def test_exchanged_poses_are_named(kind, write, recordings, tmp_path):
     assert f"row 4 ({first[0]}) and row 7 ({second[0]}) look exchanged" in doubt
 
 
-def test_another_radius_is_a_doubt(recordings, tmp_path):
-    sources = written(recordings["3d-camera"], tmp_path, 1.0, as_ply)
-    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=15.4))
-    assert any("show a ball of radius 15 mm" in doubt for doubt in made.doubts)
+@pytest.mark.parametrize(
+    ("kind", "write"), [("profiler", as_text), ("3d-camera", as_ply)], ids=("profiles", "clouds")
+)
+@pytest.mark.parametrize("stated", [14.7, RADIUS, 15.4])
+def test_another_radius_is_a_doubt(kind, write, stated, recordings, tmp_path):
+    sources = written(recordings[kind], tmp_path, 1.0, write)
+    made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=stated))
+    found = [doubt for doubt in made.doubts if "show a ball of radius 15" in doubt]
+    assert len(found) == (stated != RADIUS)
 
 
 @pytest.mark.parametrize("marker", ["", "0.000", "-9999", "-2147483.648"])

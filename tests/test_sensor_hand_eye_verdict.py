@@ -122,7 +122,7 @@ def test_a_rotation_error_at_its_lower_bound_is_called_so(place, turn, words):
     ("position", "radius", "words"),
     [
         (0.05, 0.004, "comes from the flange poses, whose estimated RMS error is 0.087 mm"),
-        (0.002, 0.06, "a radius that differs between the profiles (1 sigma 0.06 mm"),
+        (0.002, 0.06, "an error of the radius of the circles (1 sigma 0.06 mm"),
     ],
 )
 def test_the_verdict_on_profiles_names_what_exceeds_their_noise(position, radius, words):
@@ -157,3 +157,15 @@ def test_the_verdict_agrees_with_the_first_warning(exchanged):
         verdict = handeye_verdict(run)
         assert not verdict.passed
         assert handeye_warnings(run)[0] in verdict.sentence
+
+
+def test_a_wrong_radius_of_the_ball_is_suspected():
+    """The certified radius is 0.3 mm too small, the same for all profiles; the right one is none."""
+    recording = recordings.of_profiles(*hand_eye_scenes.profiles(5))
+    wrong = replace(recording, balls={1: (0.0, 0.0, 0.0, 19.7)})
+    run = hand_eye.calibrate(wrong, None, None, lambda text: None)
+    verdict = handeye_verdict(run)
+    assert not verdict.passed and "certified radius is 19.7 mm" in verdict.sentence
+    assert handeye_warnings(run)[0] in verdict.sentence
+    sound = replace(run, made=replace(run.made, radius=20.0))
+    assert not any("certified" in warning for warning in handeye_warnings(sound))

@@ -29,6 +29,7 @@ FROM_PROFILES = "from each profile alone, without the robot"
 _WEAK_FOCAL = 0.05
 # Redundancy of P poses is 6 P - 12: below 8 poses the estimated errors of flange poses are uncertain by over 12 %.
 _FEW_POSES = 8
+_RADIUS_SIGMAS, _RADIUS_SHARE = 4.0, 0.005
 # share of the position error below which a rotation error, at a lever of 200 mm, adds less than 0.1 % to its variance
 _NEGLIGIBLE = 0.03
 _REDUCE = "To reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
@@ -238,7 +239,7 @@ def _rest(hand_eye: HandEye) -> str:
     radius = hand_eye.robot_sigma.get("radius_mm", 0.0)
     if radius > place:
         return (
-            f"The rest is mostly a radius that differs between the profiles (1 sigma {radius:.2g} mm; flange poses "
+            f"The rest is mostly an error of the radius of the circles (1 sigma {radius:.2g} mm; flange poses "
             f"{place:.2g} mm RMS): check the radius of the ball, the scale of the profiler and its outliers."
         )
     return (
@@ -286,10 +287,25 @@ def _misfit(run) -> list[str]:
 def suspicions(run) -> tuple[str, ...]:
     """Suspected mistakes; a misfit without a known cause is none where camera or hand-eye is undetermined."""
     if not undetermined_causes(run):
-        return tuple(run.made.suspicions)
+        return tuple(run.made.suspicions) or _wrong_radius(run)
     findings = run.review.findings if run.review is not None else ()
     unexplained = [finding.sentence for finding in findings if finding.cause == UNEXPLAINED]
     return tuple(suspicion for suspicion in run.made.suspicions if suspicion not in unexplained)
+
+
+def _wrong_radius(run) -> tuple[str, ...]:
+    """A sentence where profiles show a ball whose radius differs from the certified one by 4 sigma and 0.5 %."""
+    if run.free is None:
+        return ()
+    radius, certified = run.free.radius, run.made.radius
+    std = run.free.std.get("target.radius") or math.inf
+    if abs(radius - certified) < max(_RADIUS_SIGMAS * std, _RADIUS_SHARE * certified):
+        return ()
+    return (
+        f"the profiles show a ball of radius {radius:.4g} mm (standard deviation {std:.2g} mm), and the certified "
+        f"radius is {certified:g} mm: the error displaces sensor and ball; correct the radius in artefact.csv, or the "
+        "scale of the profiler",
+    )
 
 
 def undetermined(run) -> list[str]:

@@ -23,6 +23,7 @@ _SIGMAS, _LEAST_SHARE = 4.0, 0.005
 _NAMED = 6
 _SWEEPS = 4
 _VALLEYS, _STEPS = 4, 40  # of the start of a profiler
+_NUMBERS = 10  # of hand-eye, ball and radius
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,33 @@ def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
     return (
         f"the clouds show a ball of radius {middle:.4g} mm (standard deviation {sigma:.2g} mm), and --ball-radius "
         f"states {stated:g} mm; correct the radius, or the scale of the sensor"
+    )
+
+
+def profile_radius_doubt(scans: Scans) -> str | None:
+    """The same of profiles, whose flange poses tell how far each light plane passes from the ball's centre.
+
+    The radius is fitted together with hand-eye and ball. Its sigma is the difference over the root of F, the fall of
+    the sum of squares over the variance that is left.
+    """
+    wrong, _ = _outlying(scans)
+    kept = scans.take(~wrong)
+    degrees = kept.seen.size - _NUMBERS
+    if degrees < 1 or motion(kept.poses, "profiles").sentences:
+        return None
+    stated, free = (
+        find_start(kept.seen, kept.poses, radius, _VALLEYS, _STEPS)
+        for radius in (scans.radius, None)
+    )
+    variance = free.rms**2 * kept.seen.size / degrees
+    fall = (stated.rms**2 - free.rms**2) * kept.seen.size
+    radius = float(free.values[9])
+    away = abs(radius - scans.radius)
+    if fall < _SIGMAS**2 * variance or away < _LEAST_SHARE * scans.radius:
+        return None
+    return (
+        f"the profiles show a ball of radius {radius:.4g} mm (standard deviation {away * np.sqrt(variance / fall):.2g} "
+        f"mm), and --ball-radius states {scans.radius:g} mm; correct the radius, or the scale of the sensor"
     )
 
 

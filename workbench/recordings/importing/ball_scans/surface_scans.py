@@ -21,6 +21,7 @@ from workbench.recordings.importing.ball_scans.ball_clouds import cloud_unit, ma
 from workbench.recordings.importing.ball_scans.scan_review import (
     Scans,
     pose_doubts,
+    profile_radius_doubt,
     radius_doubt,
     rms_mm,
     trimmed_rms_mm,
@@ -104,7 +105,11 @@ def _decided(found, rows, scans: Scans, options, progress):
         )
     _, mapping, poses = readings[chosen]
     progress("comparing flange poses and scans")
-    return mapping, tuple(fit for _, fit in fits), list(pose_doubts(scans.with_poses(poses)))
+    placed = scans.with_poses(poses)
+    doubts = list(pose_doubts(placed))
+    if scans.is_profile:
+        doubts += filter(None, [profile_radius_doubt(placed)])
+    return mapping, tuple(fit for _, fit in fits), doubts
 
 
 def _seen(points, radius: float, is_profile: bool) -> np.ndarray:
