@@ -27,7 +27,8 @@ from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility import Suspicion, check_plausibility
+from workbench.fitting.plausibility.hypotheses.coupling_corrections import CAUSE
 from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
 from workbench.recordings.importing.interpretation.mixed_units import (
     MOST_COLUMNS,
@@ -239,7 +240,8 @@ def _mistakes(case: UnitCase, mappings: Sequence[Mapping]):
     found, warnings = [], []
     for mapping in mappings:
         suspicions = check_plausibility(case.robot, case.build(mapping))
-        found += [(s.cause.count(" and "), s, mapping) for s in suspicions if s.certain]
+        certain = certain_mistakes(suspicions, mapping)
+        found += [(s.cause.count(" and "), s, mapping) for s in certain]
         warnings += [s for s in suspicions if s.cause in _DOUBTS]
         if any(count == 0 for count, _, _ in found):
             break
@@ -247,6 +249,16 @@ def _mistakes(case: UnitCase, mappings: Sequence[Mapping]):
         return None, warnings
     _, suspicion, mapping = min(found, key=lambda item: item[0])
     return (mapping, suspicion.sentence), warnings
+
+
+def certain_mistakes(suspicions: Sequence[Suspicion], mapping: Mapping) -> list[Suspicion]:
+    """The certain suspicions of positions alone.
+
+    A coupling of joints is none where rotations are measured, too: positions near the axis of a joint fit with nearly
+    any coupling of it, which the rotations contradict. The last check compares both.
+    """
+    has_rotations = mapping.rotation is not None
+    return [s for s in suspicions if s.certain and not (has_rotations and CAUSE in s.cause)]
 
 
 def unit_readings(mapping: Mapping, stated_only: bool = True):

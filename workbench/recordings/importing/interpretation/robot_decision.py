@@ -13,6 +13,7 @@ from workbench.recordings.importing.interpretation.decisions import (
     REMEDY,
     Build,
     UnitCase,
+    certain_mistakes,
     choose_reading,
     close_units,
     compare,
@@ -122,7 +123,7 @@ def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> li
         return []
     places = close_units(UnitCase(robot, mapping, build, ""), readings) or [fits[0][0]]
     found = check_plausibility(robot, build(readings[places[0]][1]))
-    return [s for s in found if s.certain and "convention" not in s.cause]
+    return [s for s in certain_mistakes(found, mapping) if "convention" not in s.cause]
 
 
 def _mistake_sentence(title: str, suspicion: Suspicion) -> str:
