@@ -217,13 +217,13 @@ def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
     if second is None or not doubts or any(isinstance(e, Blooming) for e in effects):
         return ()
     ghost = GhostLine("laser")
-    scale = float(np.median(bench.covariates["range"])) / bench.chains.corners.camera.fx
+    scale = float(np.median(bench.chains.board_stripes.gain))  # mm along the normal of the plane
     sizes = (
         ("share", "brightness over that of the line", "1", second.share, second.std[0]),
         ("offset", "distance from the line", "px", second.offset_px, second.std[1]),
         (
             "offset_mm",
-            "the same at the middle range",
+            "distance along the normal of the light plane",
             "mm",
             scale * second.offset_px,
             scale * second.std[1],

@@ -235,12 +235,13 @@ def _of_laser_line(found: Finding) -> str:
 def _of_ghost_line(term: Term) -> str:
     """Brightness and distance of a second line, what makes it, and what to do."""
     share, offset, offset_mm = term.parameters
+    brightness = f"{100 * share['value']:.0f} ± {100 * share['std']:.1g} %"
+    distance = measured(offset_mm["value"], offset_mm["std"], "mm")
     return (
-        f"The profile of the laser line is that of two lines: a second one with {100 * share['value']:.0f} ± "
-        f"{100 * share['std']:.1g} % of the brightness, {measured(offset['value'], offset['std'], 'px')} "
-        f"({measured(offset_mm['value'], offset_mm['std'], 'mm')} at the middle range) from the first. It moves the "
-        f"centre by {term.size:.2g} px; light planes and scans are displaced alike as long as the line looks alike. "
-        "Look for a reflection in a cover glass, a filter or the mirror, and tilt or remove it."
+        f"The profile of the laser line is that of two lines: a second one with {brightness} of the brightness, "
+        f"{measured(offset['value'], offset['std'], 'px')} from the first ({distance} along the normal of the light "
+        f"plane). It moves the centre by {term.size:.2g} px; light planes and scans are displaced alike as long as the "
+        "line looks alike. Look for a reflection in a cover glass, a filter or the mirror, and tilt or remove it."
     )
 
 

@@ -1,6 +1,6 @@
 """Structure of the residual that no retained term explains: tests for it, and the term `unknown` that states it."""
 
-from workbench.diagnosis.levels import UNMODELLED_LEVEL
+from workbench.diagnosis.levels import NOTABLE_SHARE, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effects import unrecorded
 from workbench.explanation import statements
@@ -34,11 +34,14 @@ def is_structure_located(bench, found: Found, refused) -> bool:
     """Whether some place holds a significant share of the residual, or what was refused is significant.
 
     A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
-    the best of many candidates is chance: nothing is there to be explained.
+    the best of many candidates is chance: nothing is there to be explained. A negligible share of the residual that no
+    held-out sample confirms needs no explanation: of thousands of points, a thousandth of a pixel is significant.
     """
     if bench.chain is not None:
         return True
-    places = any(located.p_value < _PLACED and located.share > 0 for located in found.located)
+    places = any(
+        located.p_value < _PLACED and located.share > NOTABLE_SHARE for located in found.located
+    )
     gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
     return places or any(term.finding.p_value < _PLACED for term in gained)
 

@@ -271,15 +271,17 @@ class Bench:
     """What makes problems out of data, a robot with samples or a sensor chain, with what all benches share.
 
     `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `needs_all_samples`:
-    whether a search needs all samples, however many; `pose` (n,) labels of repeats; `sigma` (n,) noise of each sample,
-    None where all are of one kind; `covariates` name -> (n,); `warnings` on the recording; `chain`: that of the arm,
-    None where no arm is measured. `constant_loads`: variants of effects that act all the time, and only through what
-    deflects.
+    whether a search needs all samples, however many; `bends_with_effects`: whether its baseline follows a large effect
+    (camera and board poses of a bundle do), so that it is not linear there; `pose` (n,) labels of repeats; `sigma` (n,)
+    noise of each sample, None where all are of one kind; `covariates` name -> (n,); `warnings` on the recording;
+    `chain`: that of the arm, None where no arm is measured. `constant_loads`: variants of effects that act all the
+    time, and only through what deflects.
     """
 
     baseline: tuple[Effect, ...] = ()
     unit = "mm"
     needs_all_samples = False
+    bends_with_effects = False
     pose: np.ndarray
     sigma: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray]

@@ -2,32 +2,35 @@
 
 A lens that is focused again, or is loose, has another focal length in each image. Nothing that was recorded predicts
 it, so that no held-out error falls when it is in the model, and a search without it accepts many laws in its place.
-It is random where three things hold. The focal lengths of the board poses scatter by more than their uncertainties
-(`sensors.camera.focal_scatter`). A focal length of its own for each board pose explains the corners better than any
-law of camera and board and than all of them together (focus breathing, drift, lens, window, bow). And what it leaves
-is mostly noise: a lens that the model does not describe bends the rows of corners of each image.
+It is random where three things hold, in the linearised problem of corners and stripes. A focal length of its own for
+each board pose explains a significant part of the residual (partial F-test): it changes the perspective of the board's
+corners, and its range, where the stripes cross it. It explains more than any candidate law (Schwarz' criterion). And
+it explains most of what is not noise: a lens that the model does not describe bends the rows of corners of each image.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import expit
 
-from sensors.camera.focal_scatter import (
-    FocalScatter,
-    ReducedCorners,
-    by_focal_length,
-    focal_scatter,
-)
-from sensors.effects import CATALOGUE
+from sensors.camera.focal_scatter import FocalScatter, by_focal_length, focal_scatter
 from sensors.effects.optics import FocusBreathing
+from workbench.core.distributions import fisher
 from workbench.core.effect import Effect
-from workbench.diagnosis.levels import MAJORITY
+from workbench.diagnosis.levels import (
+    DATA_FAULT_LEVEL,
+    MAJORITY,
+    NEGLIGIBLE_SHARE,
+    NOTABLE_SHARE,
+    ROUNDING,
+)
 from workbench.diagnosis.linear.problem import Finding
-from workbench.diagnosis.robot.library import variants
-from workbench.diagnosis.scanner.sensor_linear import acts
+from workbench.diagnosis.scanner.sensor_linear import Linear, acts
 from workbench.jobs.sensor.chains import Chains, at_solution
 
+_FEWEST_POSES = 4
 LABEL = "random from image to image"
 
 
@@ -88,34 +91,66 @@ class RandomFocalLength:
 
 
 def find_random_focal_length(bench) -> RandomFocalLength | None:
-    """Of the corners of a `SensorBench`; None where focal lengths are constant or follow a law, or the lens errs."""
-    chains, fit = bench.solve(())
-    corners = at_solution(chains, fit).corners
-    found = focal_scatter(corners, fit, ())
-    if found is None or not found.significant:
+    """Of the images of a `SensorBench`; None where focal lengths are constant or follow a law, or the lens errs."""
+    linear = Linear(bench, (), *bench.solve(()), None)
+    if len(linear.chains.corners.poses) < _FEWEST_POSES:
         return None
-    own = ReducedCorners.of(corners, fit, ())
-    own_criterion = _criterion(own, own.squares(np.inf), len(own.focal) - 1)
-    laws = _laws_of_corners(bench)
-    law_criterion = min(
-        _of_laws(corners, fit, chosen) for chosen in (*((law,) for law in laws), laws)
+    problem = linear.problem()
+    residual = problem.orthogonalise(problem.residual)
+    own, size, _ = np.linalg.svd(problem.orthogonalise(linear.focal_lengths()), full_matrices=False)
+    own, size = own[:, size > ROUNDING * size[0]], size[size > ROUNDING * size[0]]
+    score = own.T @ residual
+    explained = float(score @ score)
+    rest = float(residual @ residual) - explained
+    degrees = len(residual) - problem.basis.shape[1] - len(size)
+    p_value = float(fisher.sf(explained / len(size) * degrees / rest, len(size), degrees))
+    lack_of_fit = rest - degrees
+    if p_value > DATA_FAULT_LEVEL or explained - len(size) < max(
+        lack_of_fit, degrees * NOTABLE_SHARE
+    ):
+        return None
+    best_law = max(_law_gains(problem, residual), default=0.0)
+    own_gain = explained - len(size) * np.log(len(residual))
+    probability = float(expit((own_gain - best_law) / 2))
+    if probability < MAJORITY:
+        return None
+    first = scatter_next_to(bench, ())
+    share, share_std = _likeliest_share(score, size)
+    scale = share / first.share if first.share else 0.0
+    scatter = replace(
+        first,
+        share=share,
+        share_std=share_std,
+        shift_px=scale * first.shift_px,
+        visible_px=scale * first.visible_px,
+        p_value=p_value,
     )
-    probability = float(expit((law_criterion - own_criterion) / 2))
-    sigma = float(np.sqrt((np.asarray(corners.sigma) ** 2).mean()))
-    is_noise = found.noise_px**2 - sigma**2 < found.visible_px**2
-    return RandomFocalLength(found, probability) if is_noise and probability > MAJORITY else None
+    return RandomFocalLength(scatter, probability)
 
 
-def _of_laws(corners, fit, laws: tuple[Effect, ...]) -> float:
-    """Schwarz' criterion of corners with one focal length and some laws."""
-    reduced = ReducedCorners.of(corners, fit, laws)
-    count = sum(len(law.parameters(corners)) for law in laws)
-    return _criterion(reduced, reduced.squares(), count)
+def _law_gains(problem, residual: np.ndarray) -> Iterator[float]:
+    """Fall of the sum of squares by each candidate, less what Schwarz' criterion takes for its parameters."""
+    for candidate in problem.candidates:
+        basis = np.linalg.qr(problem.orthogonalise(candidate.columns * candidate.typical))[0]
+        gain = float(((basis.T @ residual) ** 2).sum())
+        yield gain - candidate.columns.shape[1] * np.log(len(residual))
 
 
-def _criterion(reduced: ReducedCorners, squares: float, parameters: int) -> float:
-    """Bayesian information criterion: Schwarz, Annals of Statistics 6 (1978) 461."""
-    return squares + parameters * float(np.log(reduced.count))
+def _likeliest_share(score: np.ndarray, size: np.ndarray) -> tuple[float, float]:
+    """1 sigma of the relative focal length, and its standard error: score (k,) is N(0, 1 + size^2 share^2).
+
+    Restricted maximum likelihood: Patterson & Thompson, Biometrika 58 (1971) 545.
+    """
+
+    def deviance(log_share):
+        variance = 1 + (size * np.exp(log_share)) ** 2
+        return float((np.log(variance) + score**2 / variance).sum())
+
+    widest = float(np.abs(score / size).max())
+    bounds = np.log(NEGLIGIBLE_SHARE * widest), np.log(10 * widest)
+    share = float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
+    information = 0.5 * float(((share**2 + size**-2.0) ** -2).sum())
+    return share, 0.5 / (share * float(np.sqrt(information)))
 
 
 def scatter_next_to(bench, effects: tuple[Effect, ...]) -> FocalScatter | None:
@@ -123,16 +158,3 @@ def scatter_next_to(bench, effects: tuple[Effect, ...]) -> FocalScatter | None:
     chains, fit = bench.solve(effects)
     on_corners = tuple(effect for effect in effects if acts(effect, "corners"))
     return focal_scatter(at_solution(chains, fit).corners, fit, on_corners)
-
-
-def _laws_of_corners(bench) -> tuple[Effect, ...]:
-    """Of each effect of camera and board on corners the variant with most parameters."""
-    most: dict[str, tuple[int, Effect]] = {}
-    for variant in variants(CATALOGUE, bench.kind):
-        effect = variant.effect
-        if effect.coexists or not acts(effect, "corners") or effect.port == "noise":
-            continue
-        count = len(effect.parameters(bench.chains.corners))
-        if count > most.get(effect.effect, (0, effect))[0]:
-            most[effect.effect] = count, effect
-    return tuple(effect for _, effect in most.values())

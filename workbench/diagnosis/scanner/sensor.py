@@ -61,6 +61,7 @@ class SensorBench(Bench):
     unit = "px"
     # a third of the board poses would show a third as much, and other balls
     needs_all_samples = True
+    bends_with_effects = True
 
     def __init__(self, chains: Chains):
         self.jitter_px = 0.0

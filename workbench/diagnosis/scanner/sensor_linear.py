@@ -233,7 +233,7 @@ class Linear:
             shared.append(columns_of_part)
         columns = [self.family(name, family) for name, family in families_of(self.chains).items()]
         if self.bench.focal is not None:
-            columns.append(self.focal_lengths())
+            columns.append(self.bench.focal.scatter.share * self.focal_lengths().T)
         return observable_basis(np.concatenate([np.concatenate(shared, axis=1), *columns]).T)
 
     def family(self, name: str, family: Family) -> np.ndarray:
@@ -251,13 +251,17 @@ class Linear:
         return columns[np.any(columns != 0, axis=1)]
 
     def focal_lengths(self) -> np.ndarray:
-        """(G, N) whitened columns of a relative focal length for the corners of each board pose."""
-        part = self.parts[0]
-        rows = part.white(by_focal_length(part.model.chain.camera, part.here)[None])[0]
-        label = np.tile(part.model.chain.labels["placement"], len(part.root))
-        columns = np.zeros((label.max() + 1, sum(each.root.size for each in self.parts)))
-        columns[label, np.arange(rows.size)] = self.bench.focal.scatter.share * rows
-        return columns[np.any(columns != 0, axis=1)]
+        """(N, G) whitened columns of a relative focal length of the camera for each board pose."""
+        parts = []
+        for part in self.parts:
+            columns = np.zeros((len(self.chains.corners.poses), part.root.size))
+            if part.name != "balls":
+                rows = part.white(by_focal_length(part.model.chain.camera, part.here)[None])[0]
+                label = np.tile(part.model.chain.labels["placement"], len(part.root))
+                columns[label, np.arange(rows.size)] = rows
+            parts.append(columns)
+        columns = np.concatenate(parts, axis=1)
+        return columns[np.any(columns != 0, axis=1)].T
 
     def port(self, port: str, port_indices: tuple[int, ...], where: str) -> list:
         """Rows (k, m, n) of each part by the components of a port, None where the place is no part of it."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from workbench.core.model import STATE_PORTS
-from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS, SIGNIFICANT_SIGMAS
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -17,7 +17,7 @@ from workbench.diagnosis.search.options import (
     with_exact_options,
 )
 from workbench.diagnosis.search.state import Search, name_of
-from workbench.diagnosis.search.stepwise import Stepwise
+from workbench.diagnosis.search.stepwise import LAW, Stepwise
 
 _FIRST, _MAX_SMOOTH, _VARIANTS = 48, 6, 4
 """Terms taken into the search: the likeliest alone, half as many in addition, functions of each table, variants of one
@@ -38,6 +38,8 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
         members = Stepwise(objective).most_probable_set(present)
+        if search.bench.bends_with_effects and not present:
+            members = dominant_law(objective, members, len(remainder))
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
         if names in tried or _is_gain_negligible(objective, members, present):
@@ -50,6 +52,18 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
         refine_options(search, is_first=len(tried) == 1 and not thorough)
         refine_instants(search)
     order_by_gain(search)
+
+
+def dominant_law(objective: LogPosterior, members: Members, count: int) -> Members:
+    """The best law of a set alone where it explains nearly all of a large misfit of `count` coordinates; else the set.
+
+    The other terms then explain errors of its linearisation: they are searched again about the solution with the law.
+    """
+    whole = objective.gain(members)
+    laws = [(i,) for i in members if not objective.is_smooth[i]]
+    best = max(laws, key=objective.gain, default=members)
+    is_large = whole > SIGNIFICANT_SIGMAS**2 * count
+    return best if is_large and objective.gain(best) > LAW * whole else members
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
