@@ -89,6 +89,20 @@ def test_a_drift_is_refused_only_where_correlated_noise_explains_it(value, size,
     assert all("correlated from pose to pose" in one.reason for one in refused)
 
 
+def test_a_step_is_refused_only_where_noise_next_to_it_is_correlated():
+    """What a step leaves without it is correlated from pose to pose, though the noise is not."""
+    step = CATALOGUE["shift"]("base", 20.0 * 29.5)
+    term = Term(Finding("shift", "base", "after", (step,), 1e-6, 0.9, 1.0, 30.0))
+    sizes = [48 * SIGMA, -36 * SIGMA, 32 * SIGMA, 0, 0, 0]
+    made = bench(5, 0.0, n=60, effects=[step], values=sizes)
+    without = made.problem((step,), hypotheses=False).conditional_on([])
+    assert serial_correlation(without).value > 0.8
+    kept, refused = reject_explained_by_correlated_noise(made, [term])
+    assert (len(kept), len(refused)) == (1, 0)
+    kept, refused = reject_explained_by_correlated_noise(bench(5, 0.8, n=60), [term])
+    assert (len(kept), len(refused)) == (0, 1)
+
+
 def test_places_of_a_function_of_the_angle_between_them_are_equivalent():
     assert equivalent_places("link-2", ["q3"], 6) == ("link-3",)
     assert equivalent_places("link-3", ["q3", "q4"], 6) == ("link-2", "link-4")

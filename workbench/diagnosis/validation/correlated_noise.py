@@ -19,7 +19,8 @@ def reject_explained_by_correlated_noise(
     """The terms, and refused those that read the time and that correlated noise explains as well.
 
     Whether anything is missing without such a term, with the correlation of what is left there next to slow
-    polynomials: a drift is none, and what varies with the poses is not judged here.
+    polynomials: a drift is none, and what varies with the poses is not judged here. Where nothing correlated is left
+    next to the term, there is no such noise: a step that is missing is itself correlated from pose to pose.
     """
     retained, refused = list(terms), []
     if bench.chain is None:
@@ -30,9 +31,12 @@ def reject_explained_by_correlated_noise(
         effects = [e for other in retained for e in other.finding.effects]
         effects_of_term = {id(e) for e in term.finding.effects}
         others = [i for i, e in enumerate(effects) if id(e) not in effects_of_term]
-        problem = bench.problem(effects, tested_samples(bench)).conditional_on(others)
+        complete = bench.problem(effects, tested_samples(bench))
+        problem = complete.conditional_on(others)
         noise = serial_correlation(problem)
-        if noise is not None and _chance(problem, noise) >= UNMODELLED_LEVEL:
+        if noise is None or serial_correlation(complete.conditional_on()) is None:
+            continue
+        if _chance(problem, noise) >= UNMODELLED_LEVEL:
             reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"
             refused.append(replace(term, kept=False, reason=reason))
             retained = [other for other in retained if other is not term]
