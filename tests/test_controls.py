@@ -1,6 +1,7 @@
 """Permutation and circular-shift controls of every effect, whatever the number of its parameters and columns."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
 from workbench.core.effect import make_effects
 from workbench.core.model import NOISE, STATE_PORTS
+from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, _Trial, controls
 
@@ -125,3 +127,17 @@ def test_a_step_fitted_to_a_slow_change_fails_the_circular_shift_control(seed, l
     columns = {f"{a}_mm": clean.columns[f"{a}_mm"] + row for a, row in zip("xyz", more)}
     made = of_best_step(replace(clean, columns=clean.columns | columns))
     assert made.passed is False and made.share > 0.2
+
+
+def test_sums_over_the_components_of_a_sample_have_the_moments_of_the_columns():
+    """A joint moves all components of a sample together: its moments follow from one sum a sample."""
+    rng = np.random.default_rng(2)
+    trial = _Trial.__new__(_Trial)
+    trial.problem = SimpleNamespace(ends=Ends(1, 20))
+    trial.rows, trial._basis = rng.normal(size=(1, 3, 20)), rng.normal(size=(60, 4))
+    small, y = rng.normal(size=(5, 1, 20)), rng.normal(size=(60, 2))
+    assert trial._sums is not None
+    columns = trial.columns(small)
+    for moment, expected in zip(trial._moments(small, y), (columns, trial._basis, y)):
+        product = columns.T @ expected
+        assert np.allclose(moment, product.T if expected is trial._basis else product)

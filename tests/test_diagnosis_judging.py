@@ -139,6 +139,25 @@ def test_decorrelated_errors_have_the_variance_of_the_noise():
         assert np.allclose(own @ covariance @ own.T, np.eye(10), atol=1e-8)
 
 
+def test_effects_in_the_order_of_their_gain_keep_the_basis_of_all():
+    """Each next effect is the one with which the set explains most; inner products with the basis of all stay."""
+    rng = np.random.default_rng(4)
+    added = tuple(rng.normal(size=(60, width)) for width in (3, 1, 2, 4))
+    values = tuple(rng.normal(size=part.shape[1]) * k for k, part in enumerate(added, 1))
+    problem = replace(problem_with(added[0], values[0]), added=added, values=values)
+    problem = replace(problem, effects=(SimpleNamespace(),) * 4, residual=rng.normal(size=60))
+    effects, ordered = problem.added_effects, []
+    for _ in range(4):
+        others = [i for i in range(4) if i not in ordered]
+        gains = [(effects.subspace([*ordered, i]).score ** 2).sum() for i in others]
+        ordered.append(others[int(np.argmax(gains))])
+    assert effects.order_by_gain(lambda remaining: remaining) == ordered
+    moved = problem.reordered(ordered).added_effects
+    assert np.allclose(moved.basis, effects.basis)
+    first = effects.subspace(ordered[:1])
+    assert np.allclose(moved.subspace([0]).y, first.y)
+
+
 def test_a_parameter_that_moves_nothing_does_not_change_what_is_predicted():
     """Its column of zeros has an unbounded precision, which must leave the correlations of the others as they are."""
     rng = np.random.default_rng(1)
