@@ -14,6 +14,7 @@ from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.compensation.compensate import covariates_read
+from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 from workbench.jobs.robot.compensation.correction_limits import (
     Limits,
     checked,
@@ -128,6 +129,22 @@ def test_wider_limits_or_force_let_it_pass(workbench, tmp_path, words):
     )
     assert answer["refused"] == [] and float(rows[0]["q3_deg"]) == pytest.approx(8, abs=0.01)
     assert any("--force: 1 targets" in one for one in answer["warnings"]) == (words == ("--force",))
+
+
+@pytest.mark.parametrize(("measured_mm", "is_refused"), [(3.0, False), (0.1, True)])
+def test_larger_corrections_pass_where_the_measured_error_confirms_them(
+    tmp_path, measured_mm, is_refused
+):
+    """A coupling of the wrist turns the tool by 1.2 deg within the recorded range."""
+    coupling = {"effect": "joint-coupling", "where": "joint-5", "joint": 4}
+    values = {
+        "joint-5.joint-coupling.from4": 0.03,
+        "joint-3.theta3": load_robot(ABB).geometry[2, 0],
+    }
+    nominal = {"rms_mm": measured_mm}
+    arm = read_solution(solution(tmp_path / "arm", [coupling], values, nominal=nominal))
+    assert (largest_corrections(arm) == (10.0, 1.0)) == is_refused
+    assert Limits(correction_deg=0.5).largest_correction(arm)[1] == 0.5
 
 
 def test_only_the_implausible_rows_are_refused(workbench, tmp_path):

@@ -21,8 +21,8 @@ from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 
 # Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
-# wrong statement of the noise changes uncertainties, not the fit.
-_HARMLESS_TO_THE_FIT = ("blunders", "sigma")
+# wrong statement of the noise changes uncertainties, not the fit; wrong lengths of the robot file are estimated.
+_HARMLESS_TO_THE_FIT = ("blunders", "sigma", "dimensions")
 # intervals between samples by which the instant of an effect may differ from that of a jump
 _JUMP_SLACK = 3.0
 

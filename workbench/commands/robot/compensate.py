@@ -26,19 +26,19 @@ Force = Annotated[
     ),
 ]
 MaxPosition = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--max-correction-mm",
         metavar="MM",
-        help="Refuse larger corrections of the flange's position.",
+        help="Refuse larger corrections of the flange's position. Default: 10 mm, more if measured.",
     ),
 ]
 MaxRotation = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--max-correction-deg",
         metavar="DEG",
-        help="Refuse larger corrections of the flange's orientation.",
+        help="Refuse larger corrections of the flange's orientation. Default: 1 deg, more if measured.",
     ),
 ]
 MaxJointChange = Annotated[
@@ -81,8 +81,8 @@ def command(
     ],
     force: Force = False,
     without: Without = None,
-    max_correction_mm: MaxPosition = 10.0,
-    max_correction_deg: MaxRotation = 1.0,
+    max_correction_mm: MaxPosition = None,
+    max_correction_deg: MaxRotation = None,
     max_sigma_mm: MaxSigma = None,
     max_joint_change_deg: MaxJointChange = 10.0,
     map: TargetMap = None,

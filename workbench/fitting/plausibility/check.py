@@ -31,6 +31,7 @@ from workbench.fitting.plausibility.rounding import explains, joint_rounding
 from workbench.fitting.plausibility.row_shifts import row_shift_suspicions
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.small_mistakes import small_mistakes
+from workbench.fitting.plausibility.stated_dimensions import dimension_suspicion
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import change_point_sentence, listed
@@ -86,11 +87,16 @@ def _of_drives(robot, recording, fit: Fit) -> list[Suspicion]:
     """What the recording decides about the couplings of the robot file."""
     if fit.core > good_scale(robot, recording):
         return []
+    return _judged(coupled_drives, robot, recording, fit)
+
+
+def _judged(judge, robot, recording, fit: Fit) -> list[Suspicion]:
+    """What a check says of a fit; nothing where it does not suit the recording."""
     try:
-        drives = coupled_drives(robot, recording, fit)
+        found = judge(robot, recording, fit)
     except FAILURES:
         return []
-    return [] if drives is None else [drives]
+    return [] if found is None else [found]
 
 
 def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:
@@ -153,6 +159,8 @@ def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Sus
     if (far := far_geometry(robot, recording, fit)) is not None:
         yield far.suspicion(recording)
         yield from doubtful_columns(recording, fit, scale_of_good_fit)
+    else:
+        yield from _judged(dimension_suspicion, robot, recording, fit)
 
 
 def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:

@@ -23,6 +23,7 @@ from workbench.jobs.robot.compensation.compensate import (
     covariates_read,
     half_loops_mm,
 )
+from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 from workbench.jobs.robot.compensation.revolutions import recorded_middle
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
 from workbench.jobs.robot.compensation.unrecorded_load import (
@@ -66,14 +67,15 @@ _NO_RANGES = (
 class Limits:
     """Largest plausible corrections.
 
-    `correction_mm`, `correction_deg`: of the position and the orientation of the flange. `sigma_mm`: largest standard
+    `correction_mm`, `correction_deg`: of the position and the orientation of the flange; None: 10 mm and 1 deg, and
+    more where the measurements confirm it (`largest_corrections`). `sigma_mm`: largest standard
     uncertainty of a corrected position; None: three times the held-out error, and never above the error of the nominal
     arm, since a correction that is less certain than the error it removes does no good. `joint_deg`: change of a
     programmed joint angle; next to a singular posture a small correction of the flange is a large one of joints.
     """
 
-    correction_mm: float = LARGEST_MM
-    correction_deg: float = LARGEST_DEG
+    correction_mm: float | None = None
+    correction_deg: float | None = None
     sigma_mm: float | None = None
     joint_deg: float = LARGEST_JOINT_DEG
 
@@ -88,6 +90,14 @@ class Limits:
                 raise InputError(
                     f"{option} {value:g}: expected a number above 0, found another; correct it"
                 )
+
+    def largest_correction(self, arm: CalibratedArm) -> tuple[float, float]:
+        """Position (mm) and orientation (deg) of the flange beyond which a correction of this arm is refused."""
+        stated = self.correction_mm, self.correction_deg
+        if None not in stated:
+            return stated
+        confirmed = largest_corrections(arm)
+        return tuple(most if given is None else given for given, most in zip(stated, confirmed))
 
     def largest_sigma_mm(self, arm: CalibratedArm) -> float:
         """Standard uncertainty, mm, above which a target of this arm is refused."""
@@ -128,16 +138,20 @@ def doubt_about(arm: CalibratedArm, limits: Limits) -> str:
 
 def _implausible_error(arm: CalibratedArm, limits: Limits) -> str:
     """A held-out error that no use of the corrections can tolerate."""
-    if arm.held_out_mm > limits.correction_mm:
+    largest_mm, largest_deg = (
+        limits.correction_mm or LARGEST_MM,
+        limits.correction_deg or LARGEST_DEG,
+    )
+    if arm.held_out_mm > largest_mm:
         return (
             f"its held-out RMS position error of {arm.held_out_mm:.3g} mm is above the largest correction of "
-            f"{limits.correction_mm:g} mm"
+            f"{largest_mm:g} mm"
         )
     rotation = arm.keys.get("held_out", {}).get("rotation_rms_deg")
-    if rotation is not None and rotation > limits.correction_deg:
+    if rotation is not None and rotation > largest_deg:
         return (
             f"its held-out RMS orientation error of {rotation:.3g} deg is above the largest correction of "
-            f"{limits.correction_deg:g} deg"
+            f"{largest_deg:g} deg"
         )
     noise = arm.keys.get("noise_rms_mm")
     if noise and arm.held_out_mm > _FAR_ABOVE_NOISE * noise:
@@ -256,16 +270,17 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
         limits.sigma_mm is None
     ):  # a warning states what another load would do: no single target is at fault
         sigma = np.sqrt(np.maximum(sigma**2 - shift**2, 0.0))
+    largest_mm, largest_deg = limits.largest_correction(arm)
     for words, values, largest, unit in (
-        ("its correction", found.position_mm, limits.correction_mm, "mm"),
-        ("its correction", found.rotation_deg, limits.correction_deg, "deg"),
+        ("its correction", found.position_mm, largest_mm, "mm"),
+        ("its correction", found.rotation_deg, largest_deg, "deg"),
         ("the standard uncertainty", sigma, limits.largest_sigma_mm(arm), "mm"),
     ):
         for row in np.flatnonzero(found.reached & ~(values <= largest)):
             refuse(row, f"{words} of {values[row]:.3g} {unit} exceeds {largest:.3g} {unit}")
     for words, values, largest, unit in (
-        ("position", found.position_left_mm, limits.correction_mm, "mm"),
-        ("orientation", found.rotation_left_deg, limits.correction_deg, "deg"),
+        ("position", found.position_left_mm, largest_mm, "mm"),
+        ("orientation", found.rotation_left_deg, largest_deg, "deg"),
     ):
         for row in np.flatnonzero(found.reached & ~(values <= largest)):
             refuse(
