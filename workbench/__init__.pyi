@@ -293,8 +293,8 @@ def compensate(
     targets: DataFrame | ndarray | Path | str,
     force: bool = False,
     without: Sequence[str] | None = None,
-    max_correction_mm: float = 10.0,
-    max_correction_deg: float = 1.0,
+    max_correction_mm: float | None = None,
+    max_correction_deg: float | None = None,
     max_sigma_mm: float | None = None,
     max_joint_change_deg: float = 10.0,
     map: Path | str | None = None,
@@ -315,8 +315,10 @@ def compensate(
             import` reads.
         force: Accept a calibration and corrections that would be refused as implausible.
         without: Omit a term of the model by name, such as joint-3.backlash; * is a wildcard.
-        max_correction_mm: Refuse larger corrections of the flange's position.
-        max_correction_deg: Refuse larger corrections of the flange's orientation.
+        max_correction_mm: Refuse larger corrections of the flange's position. Default: 10 mm, more
+            if measured.
+        max_correction_deg: Refuse larger corrections of the flange's orientation. Default: 1 deg,
+            more if measured.
         max_sigma_mm: Refuse targets with a larger standard uncertainty; default: three times the
             held-out error.
         max_joint_change_deg: Refuse a joint target if a joint would change by more than this.
