@@ -82,7 +82,8 @@ def forward(
     walk = _Walk(joints, n, robot.base, base, twists or {}, ends)
     angles, shifts = _angles_and_shifts(robot, variables, geometry)
     if turns is None or geometry.ndim > 2 or robot.prismatic.any():
-        cosines, sines = np.cos(angles), np.sin(angles)
+        cosines = np.cos(angles)
+        sines = np.sin(angles)
     else:
         c = np.cos(geometry[:, :1])
         s = np.sin(geometry[:, :1])

@@ -18,7 +18,9 @@ def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray)
 
     Ericson, Real-Time Collision Detection (2005), sec. 5.1.9.
     """
-    u, v, w = b - a, d - c, a - c
+    u = b - a
+    v = d - c
+    w = a - c
     uu = np.maximum((u * u).sum(0), 1e-12)
     vv = np.maximum((v * v).sum(0), 1e-12)
     uv = (u * v).sum(0)

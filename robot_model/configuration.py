@@ -44,7 +44,8 @@ def configuration_signs(robot: Robot, readings: np.ndarray) -> np.ndarray:
     """
     readings = np.asarray(readings, float)
     frames = forward(robot, robot.mixing @ readings.T)
-    axes, points = frames.z, frames.z_origin
+    axes = frames.z
+    points = frames.z_origin
     wrist = _nearest_point(points[4], axes[4], points[3], axes[3])
     upper = _across(points[2] - points[1], axes[1])
     forearm = _across(wrist - points[2], axes[1])

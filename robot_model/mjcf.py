@@ -118,7 +118,9 @@ class MjcfTree(Tree):
             anchor[:3, 3] = _MM * numbers(keys.get("pos", "0 0 0"), 3, self._where(body))
             child = name if number == len(joints) else f"{name}/{number}"
             self._moving(keys, element, (link, child), place @ np.linalg.inv(shift) @ anchor)
-            link, place, shift = child, np.eye(4), anchor
+            link = child
+            place = np.eye(4)
+            shift = anchor
         if not joints:
             self._link(name, link, place)
         inward = np.linalg.inv(shift) if joints else np.eye(4)
@@ -223,7 +225,8 @@ class MjcfTree(Tree):
         """Joints that an equality constraint ties linearly to another one."""
         for tie in root.iter("equality"):
             for element in tie.findall("joint"):
-                first, second = element.get("joint1"), element.get("joint2")
+                first = element.get("joint1")
+                second = element.get("joint2")
                 poly = numbers(element.get("polycoef", "0 1 0 0 0"), 5, f"{self.file}: equality")
                 if poly[2:].any() or second is None:
                     raise wrong(

@@ -146,7 +146,8 @@ def _hayati_row(point: np.ndarray, axis: np.ndarray, hint: np.ndarray, d: float)
     a = np.hypot(*meets)
     x, y = meets if a > 1e-10 else hint[:2]
     theta = np.arctan2(y, x)
-    c, s = np.cos(theta), np.sin(theta)
+    c = np.cos(theta)
+    s = np.sin(theta)
     beta = np.arcsin(c * axis[0] + s * axis[1])
     return np.array([theta, d, a, np.arctan2(s * axis[0] - c * axis[1], axis[2]), beta])
 

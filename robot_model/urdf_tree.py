@@ -214,7 +214,9 @@ class Tree:
             return None
         if joint.kind not in _MOVING:
             raise self._wrong_kind(joint)
-        name, ratio, offset = joint.name, 1.0, 0.0
+        name = joint.name
+        ratio = 1.0
+        offset = 0.0
         for _ in range(len(self.joints) + 1):
             if name in (self.named or ()) or name not in self.mimic:
                 return (name, ratio, offset) if self.named is None or name in self.named else None
@@ -300,7 +302,8 @@ def _strip_namespace(root: ET.Element) -> None:
 
 
 def _joint(element: ET.Element, file: Path) -> Joint:
-    name, kind = element.get("name"), element.get("type")
+    name = element.get("name")
+    kind = element.get("type")
     where = f"{file}: joint {name}"
     parent, child = (_attribute(element, part, "link") for part in ("parent", "child"))
     if None in (name, kind, parent, child):

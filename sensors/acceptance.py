@@ -29,7 +29,8 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 NOT_JUDGED = "not judged: no limit was given"
-WITHIN, BEYOND = "within the limit", "beyond the limit"
+WITHIN = "within the limit"
+BEYOND = "beyond the limit"
 UNDECIDED = "undecided: the limit lies within the value's uncertainty (k = 2)"
 UNKNOWN = "not judged: the value could not be determined"
 # Part of the points that VDI/VDE 2634 allows to leave out, and part that the shell of ISO 10360 holds.
@@ -234,7 +235,8 @@ def sphere_spacing(
             f"ball {min(outside)}: expected one of the {artefact.shape[1]} balls of the artefact, "
             "found none of that number; correct it"
         )
-    parts, sigma_of_sums = {}, {}
+    parts = {}
+    sigma_of_sums = {}
     for a, b in pairs:
         line = fits[a].centre - fits[b].centre
         length = np.linalg.norm(line)

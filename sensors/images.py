@@ -174,7 +174,9 @@ def stacks(
 
     Raises InputError for a image that cannot be read, or is not as large or as deep as the first one.
     """
-    images, shape, depth = [], None, None
+    images = []
+    shape = None
+    depth = None
     for path in paths:
         grey = read_grey(path, called(path), channel)
         shape = shape or grey.shape

@@ -266,30 +266,3 @@ def test_points_of_the_working_volume_lie_on_their_planes_and_in_the_image():
     seen = CAMERA.project(points)
     assert (seen > 0).all() and (seen < [[1279], [1023]]).all()
     assert points[2].min() == 115 and points[2].max() == 135 and len(np.unique(step)) == 5
-
-
-def test_stated_covariance_of_points_is_what_noise_makes():
-    rng = np.random.default_rng(11)
-    factor = rng.normal(size=(6, 6)) * ([1e-5, 1e-5, 1e-3] * 2)
-    scanner = Scanner(CAMERA, np.arange(2), planes(2), covariance=factor.T @ factor, sigma_px=0.2)
-    seen, steps = np.array([[400.0, 900.0], [300.0, 700.0]]), np.array([0, 1])
-    stated = scanner.point_covariance(scanner.reconstruct(seen, steps), steps)
-    made = []
-    for _ in range(4000):
-        change = (factor.T @ rng.normal(size=6)).reshape(2, 3)
-        there = Scanner(CAMERA, np.arange(2), moved(scanner.planes, change))
-        noisy = seen + np.array([[1.0], [0.0]]) * 0.2 * rng.normal(size=2)
-        made.append(there.reconstruct(noisy, steps))
-    for k in range(2):
-        found = np.cov(np.array(made)[:, :, k].T)
-        assert np.allclose(found, stated[..., k], atol=0.1 * np.trace(stated[..., k]))
-    plain = scanner.point_covariance(scanner.reconstruct(seen, steps), steps, np.array([0.1, 0.4]))
-    assert np.trace(plain[..., 1]) > np.trace(stated[..., 1])
-
-
-def test_without_a_covariance_only_the_stripe_counts():
-    scanner = Scanner(CAMERA, np.arange(2), planes(2), sigma_px=0.1)
-    points = scanner.reconstruct(np.array([[400.0], [300.0]]), np.array([1]))
-    stated = scanner.point_covariance(points, np.array([1]))[..., 0]
-    step = 0.1 * scanner.by_stripe(points, np.array([1]))
-    assert np.allclose(stated, step @ step.T) and scanner.plane_covariance.shape == (2, 3, 3)

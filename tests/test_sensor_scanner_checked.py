@@ -12,7 +12,7 @@ from plane_scenes import CAMERA, board, board_stripes, simulated_scanner, views
 from sensors.camera.calibration import calibrate_camera
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.check import leave_out
-from sensors.scanner.errors import frame_moves, laid_over
+from sensors.scanner.errors import by_plane, frame_moves, laid_over
 from sensors.scanner.file import read_scanner, scanner_text, write_scanner
 from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
@@ -174,7 +174,9 @@ def test_places_in_the_cameras_frame_err_as_the_frame_and_the_planes_say():
         normal, offset = scene.planes[:3, step], scene.planes[3, step]
         on = point * (-offset / (normal @ point))  # along its ray, in the plane
         error = (found.reconstruct(CAMERA.project(on), np.array([step])) - on)[:, 0]
-        own = found.point_covariance(on, np.array([step]), 0.0)[..., 0]
+        place = found.places(np.array([step]))
+        moves = by_plane(on, found.planes[:, place])[..., 0]
+        own = moves.T @ found.plane_covariance[place[0]] @ moves
         z.append(error / np.sqrt(np.diag(own + found.frame_covariance(on)[..., 0])))
         blind.append(error[2] / np.sqrt(own[2, 2]))
     assert np.sqrt(np.square(z).mean()) == pytest.approx(1, abs=0.25)

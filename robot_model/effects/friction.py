@@ -12,7 +12,8 @@ from workbench.core.errors import InputError
 
 _WEIGHT = 0.2  # prior weight of a width, relative to backlash
 _WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # rad, m of a slide: where a search starts
-_HALF_GAP_RAD, _HALF_GAP_MM = 3e-4, 0.03
+_HALF_GAP_RAD = 3e-4
+_HALF_GAP_MM = 0.03
 
 
 class JointHysteresis(Effect):
@@ -81,7 +82,8 @@ class JointHysteresis(Effect):
 
     def _load(self, state) -> np.ndarray:
         """(n,) gravity torque over the greatest that all masses can make, without sign: the same on any samples."""
-        robot, joint = state.robot, self.number - 1
+        robot = state.robot
+        joint = self.number - 1
         if not robot.mass.any() and not robot.payload_mass:
             return np.abs(bar_torque(state, joint))
         reach = np.abs(robot.geometry[:, 1:3]).sum() * 1e-3

@@ -223,7 +223,8 @@ class ReflectorIncidence(Effect):
         sight, _ = sight_lines(state)
         root = state.root_rotation.T @ -sight
         seen = np.einsum("cin,in->cn", state.frames.link[-1], root)
-        first, second = [0, 1, 0, 0, 1], [0, 1, 1, 2, 2]
+        first = [0, 1, 0, 0, 1]
+        second = [0, 1, 1, 2, 2]
         factors = np.concatenate([seen, seen[first] * seen[second]])
         if self.reflector:
             factors = factors * (state.index == self.reflector)

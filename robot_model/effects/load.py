@@ -10,7 +10,8 @@ from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.parameters import Parameter
 
 _LEVER_M, _DEFLECTION = 0.02, 3e-4  # m of lever that must vary; rad/N that a joint deflects by
-_LOAD_KG, _CENTRE_MM = 1.0, 100.0
+_LOAD_KG = 1.0
+_CENTRE_MM = 100.0
 _MOST_SHARE, _FAR_MM = 0.5, 200.0
 """Prior sigma of a load's mass as a share of the arm's, and of its centre: light arms carry half of their own mass."""
 _OFF_CENTRE_M = 0.1  # by which the centre of a load may be elsewhere
@@ -73,7 +74,8 @@ class Payload(Effect):
     def table(self, chain):
         mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
         most = max(_MOST_SHARE * float(chain.robot.mass.sum()), 3 * _LOAD_KG)
-        label, suffix = "the load", ""
+        label = "the load"
+        suffix = ""
         if self.after is not None:
             instant = instant_format(chain.state).format(self.after)
             label = f"the load added after {instant}"

@@ -47,7 +47,8 @@ def load_masses(model, values: np.ndarray, covariance: np.ndarray) -> list[LoadM
 
 def _combined(pairs, values, covariance) -> tuple[float, float] | None:
     """(kg, std) from pairs of numbers of parameters, deflection and compliance; None where no compliance is known."""
-    ratios, rows = [], []
+    ratios = []
+    rows = []
     for deflection, compliance in pairs:
         size = values[compliance]
         sigma = np.sqrt(covariance[compliance, compliance])

@@ -24,7 +24,9 @@ from workbench.core.parameters import Parameter
 PLACES = ("joint", "link", "base", "tool", "sensor", "instrument")
 SHARP_DEGREE = 40
 """Degree of a function that changes sharply: wear at one place extends over a twentieth of the range."""
-_DEGREE, _LONG_DEGREE, _PAIR_DEGREE = 6, 9, 3
+_DEGREE = 6
+_LONG_DEGREE = 9
+_PAIR_DEGREE = 3
 # Only one number moves at a joint, so that a finer function can be afforded there.
 _FINE_DEGREE, _FINE_PAIR = 15, 5
 # Covariates whose sign alone may matter: the side of approach, or the side that is loaded.

@@ -121,7 +121,8 @@ def warm_up_variants(kind, chain) -> list[Variant]:
     span = float(np.ptp(time))
     if span <= 0 or any("temperature" in name for name in chain.state.covariates):
         return []
-    mass, found = 1 / len(_TIME_CONSTANTS), []
+    mass = 1 / len(_TIME_CONSTANTS)
+    found = []
     for where in (w for place in kind.places for w in chain.places(place)):
         for share in _TIME_CONSTANTS:
             constant = float(f"{share * span:.3g}")

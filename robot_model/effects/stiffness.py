@@ -9,7 +9,9 @@ from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.core.model import Model
 
-LOADS, MASSES, PRODUCT = "recorded loads", "stated masses", "product only"
+LOADS = "recorded loads"
+MASSES = "stated masses"
+PRODUCT = "product only"
 _SIGNIFICANT = 2.0  # sigmas that a compliance must be above zero for a stiffness to be stated
 _VARIES_KG = 1e-6
 _MOST_SAMPLES = 5000  # of these the sensitivity to the centre of the load is computed

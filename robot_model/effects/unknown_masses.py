@@ -22,7 +22,8 @@ _OFF_THE_BAR, _LEAST_SHARE = (
     0.3,
     0.03,
 )  # how far first moments are from those of uniform bars, and at least
-_CONFIGURATIONS, _DEPENDENT = 64, 1e-6
+_CONFIGURATIONS = 64
+_DEPENDENT = 1e-6
 _NO_BAR_MM = 1e-6
 _UNDER_BARS = (
     0.05  # variation, of the greatest moment of the bars, below which no deflection is measurable

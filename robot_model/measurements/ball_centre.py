@@ -31,7 +31,8 @@ class BallCentre:
     index: np.ndarray
     ids: tuple[int, ...]
     centres: np.ndarray
-    place, grounded = "sensor", False
+    place = "sensor"
+    grounded = False
 
     @classmethod
     def of(cls, recording) -> "BallCentre":

@@ -27,7 +27,8 @@ class BallSurface:
     ids: tuple[int, ...]
     balls: np.ndarray
     pose_id: np.ndarray
-    place, grounded = "sensor", False
+    place = "sensor"
+    grounded = False
 
     @classmethod
     def of(cls, recording) -> "BallSurface":

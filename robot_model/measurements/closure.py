@@ -39,7 +39,8 @@ def solve_linear_start(blocks: list[np.ndarray], right: np.ndarray) -> np.ndarra
 
 def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and translation (3,) with target = R source + t; points (k, 3)."""
-    a, b = source.mean(0), target.mean(0)
+    a = source.mean(0)
+    b = target.mean(0)
     rotation = nearest_rotation((target - b).T @ (source - a))
     return rotation, b - rotation @ a
 

@@ -67,7 +67,9 @@ class Distance:
     lengths: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
-    place, grounded, poses_per_sample = "tool", True, 2
+    place = "tool"
+    grounded = True
+    poses_per_sample = 2
 
     @classmethod
     def of(cls, recording) -> "Distance":
@@ -132,7 +134,8 @@ class Distance:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Reflectors by Gauss-Newton from where the squared lengths, with products as unknowns, put one for all."""
-        rotations, origins = flange_matrices(frames), frames.end_origin.T
+        rotations = flange_matrices(frames)
+        origins = frames.end_origin.T
         half = len(self.lengths)
         relative_rotation = rotations[half:] - rotations[:half]
         shift = origins[half:] - origins[:half]

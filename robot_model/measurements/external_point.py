@@ -30,7 +30,8 @@ class ExternalPoint:
     measured: np.ndarray
     index: np.ndarray
     ids: tuple[int, ...]
-    place, grounded = "tool", False
+    place = "tool"
+    grounded = False
 
     @classmethod
     def of(cls, recording) -> "ExternalPoint":

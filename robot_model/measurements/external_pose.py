@@ -18,7 +18,8 @@ class ExternalPose:
 
     measured: np.ndarray
     rotations: np.ndarray
-    place, grounded = "tool", False
+    place = "tool"
+    grounded = False
 
     @classmethod
     def of(cls, recording) -> "ExternalPose":

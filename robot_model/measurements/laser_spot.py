@@ -33,7 +33,8 @@ class LaserSpot:
     ids: tuple[int, ...]
     sphere: np.ndarray
     facing: np.ndarray = field(repr=False)
-    place, grounded = "tool", True
+    place = "tool"
+    grounded = True
 
     @classmethod
     def of(cls, recording) -> "LaserSpot":
@@ -176,7 +177,8 @@ class LaserSpot:
 
     def _start_points(self, frames):
         """Beam origin (3,), rotation (3, 3) with z along the beam, points (K, 3): the best of three starts."""
-        rotations, origins = flange_matrices(frames), frames.end_origin.T
+        rotations = flange_matrices(frames)
+        origins = frames.end_origin.T
         tried = [self._for_direction(rotations, origins, axis) for axis in np.eye(3)]
         return min(tried, key=lambda found: found[3])[:3]
 

@@ -32,18 +32,27 @@ MODEL_ERROR_MM = 1.0
 LEAST_LEVER_MM = 100.0
 """Orientation errors weigh at least as much as two points that are this far apart."""
 
-_SCREENED, _KEPT, _ALTERNATIVES = 48, 8, 4
-_SHORT, _LONG = 10, 60
-_QUICK, _QUICK_STEPS = 4, 8
-_ROUNDS, _CENTRED = 12, 2
-_SETTLED_RAD, _SETTLED_MM = 1e-8, 1e-7
+_SCREENED = 48
+_KEPT = 8
+_ALTERNATIVES = 4
+_SHORT = 10
+_LONG = 60
+_QUICK = 4
+_QUICK_STEPS = 8
+_ROUNDS = 12
+_CENTRED = 2
+_SETTLED_RAD = 1e-8
+_SETTLED_MM = 1e-7
 _SAME_RAD = np.deg2rad(3.0)
-_AS_WELL, _BARRIER = 9.0, 100.0
-_LEAST_RAD, _FLAT_RAD = 1e-12, 1e-9
+_AS_WELL = 9.0
+_BARRIER = 100.0
+_LEAST_RAD = 1e-12
+_FLAT_RAD = 1e-9
 _FLAT = 1e-14
 """Relative fall of the cost that rounding hides: a step that should make less, and fails, ends a descent."""
 _CONVEX = 1e-6  # of the mean diagonal, that the least eigenvalue of a Hessian exceeds
-_LEAST_VARIANCE, _WEAKER = 1e-4, 1e3
+_LEAST_VARIANCE = 1e-4
+_WEAKER = 1e3
 _CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
 _MEDIAN_TO_SIGMA = 1.4826
 

@@ -28,7 +28,8 @@ class PartialPose:
     measured: np.ndarray
     axis: np.ndarray
     which: int
-    place, grounded = "tool", False
+    place = "tool"
+    grounded = False
 
     @classmethod
     def of(cls, recording) -> "PartialPose":

@@ -19,7 +19,8 @@ class PlaneTouch:
 
     index: np.ndarray
     ids: tuple[int, ...]
-    place, grounded = "tool", True
+    place = "tool"
+    grounded = True
 
     @classmethod
     def of(cls, recording) -> "PlaneTouch":
@@ -92,7 +93,9 @@ class PlaneTouch:
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Planes through the tips and the tip that lies on them, by turns, from the flange's middle."""
-        rotations, origins, tip = flange_matrices(frames), frames.end_origin.T, np.zeros(3)
+        rotations = flange_matrices(frames)
+        origins = frames.end_origin.T
+        tip = np.zeros(3)
         for _ in range(_ROUNDS):
             normals, middles = self._planes(origins + rotations @ tip)
             normal = normals[self.index]
@@ -109,7 +112,8 @@ class PlaneTouch:
 
     def _planes(self, tips):
         """(K, 3) unit normals, none pointing down, and (K, 3) middles of the planes through tips (n, 3)."""
-        normals, middles = [], []
+        normals = []
+        middles = []
         for k in range(len(self.ids)):
             mine = tips[self.index == k]
             middles.append(mine.mean(0))

@@ -25,7 +25,8 @@ class TouchPoint:
 
     index: np.ndarray
     ids: tuple[int, ...]
-    place, grounded = "tool", True
+    place = "tool"
+    grounded = True
 
     @classmethod
     def of(cls, recording) -> "TouchPoint":

@@ -78,7 +78,8 @@ def calibrate_beams(
 
 def _marquardt(residual, x):
     """x, the sum of squares and the derivative where neither falls any more (Levenberg 1944, Marquardt 1963)."""
-    here, damping = residual(x), 1.0
+    here = residual(x)
+    damping = 1.0
     for _ in range(_STEPS):
         rows = _slopes(residual, x)
         move, damping, there = _step(residual, x, here, rows, damping)
@@ -147,7 +148,8 @@ class _Pairs:
 
 def _crossings(origins, directions, pairs: _Pairs) -> np.ndarray:
     """The middles (P, 3) of the common perpendiculars of all pairs of beams."""
-    i, j = pairs.first, pairs.second
+    i = pairs.first
+    j = pairs.second
     u = directions[i]
     v = directions[j]
     between = origins[j] - origins[i]

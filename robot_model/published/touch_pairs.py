@@ -43,7 +43,8 @@ def pairs_of(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def start_tip(frames: Frames, point: np.ndarray) -> np.ndarray:
     """(3,) the tip by least squares in each series, then averaged (eq. 12-16), mm."""
-    rotations, origins = flange_matrices(frames), frames.end_origin.T
+    rotations = flange_matrices(frames)
+    origins = frames.end_origin.T
     found = []
     for k in np.unique(point):
         rows = rotations[point == k]

@@ -314,7 +314,9 @@ class _Part:
 
     def result(self, stated_covariance, present, at_limit, shape: Form) -> BallFit:
         """The fit, as statements about all points, `present` (n,) or not."""
-        problem, used, n = self.problem, self.used, len(present)
+        problem = self.problem
+        used = self.used
+        n = len(present)
         degrees = max(len(self.part.place) - problem.size, 1)
         sigma_scale = float(np.sqrt(self.part.white @ self.part.white / degrees))
         noise_bias = bias(problem, self.at, self.part, self.values[-1], sigma_scale)

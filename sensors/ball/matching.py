@@ -66,7 +66,9 @@ def _assignments(found, artefact, tolerance, most=50_000):
 
     Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
     """
-    k, complete, size = len(found), [], 0
+    k = len(found)
+    complete = []
+    size = 0
     stack = [np.zeros(0, int)]
     for _ in range(most):
         if not stack:

@@ -220,7 +220,8 @@ class _Search:
 
     def without_found(self, found) -> "list[Refusal]":
         """Refused candidates on points that no ball has, of those on the same points the best supported."""
-        unassigned, refused = self.left(found, _NARROW), []
+        unassigned = self.left(found, _NARROW)
+        refused = []
         latest_first = list(self._supported(unassigned))[::-1]
         for ball, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
             if (near & unassigned).sum() >= LEAST_POINTS:
@@ -272,7 +273,8 @@ class _Search:
         """The ball that the points `place` (k,) of one stripe lie on, None where there is none or it is not certain."""
         on = np.zeros(self.points.shape[1], bool)
         on[place] = True
-        balls, why = [], "they lie on no circle of a ball"
+        balls = []
+        why = "they lie on no circle of a ball"
         for radius in self.known:
             for centre in centres_of(self.points[:, place], radius):
                 fit = self.fine(BallStart(centre, radius), radius, on, _STEEPEST)

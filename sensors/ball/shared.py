@@ -69,7 +69,8 @@ class Shared:
 
     def with_errors(self, derivative: np.ndarray, variance: np.ndarray) -> "Shared":
         """The same with m more errors of known variance (m,), independent from group to group; derivative (m, d, n)."""
-        k, m = len(self.derivative), len(variance)
+        k = len(self.derivative)
+        m = len(variance)
         groups = len(self.covariance) // k
         full = np.zeros((groups, k + m, groups, k + m))
         full[:, :k, :, :k] = np.reshape(self.covariance, (groups, k, groups, k))
@@ -84,7 +85,8 @@ class Shared:
 
     def with_common(self, derivative: np.ndarray, covariance: np.ndarray) -> "Shared":
         """The same with m more errors of known covariance (m, m) that all groups share; derivative (m, d, n)."""
-        k, m = len(self.derivative), len(covariance)
+        k = len(self.derivative)
+        m = len(covariance)
         if self.common is None:
             independent = np.zeros((m, len(self.covariance) // k, k))
             return replace(self, common=Common(derivative, covariance, independent))
@@ -166,7 +168,8 @@ def _variances(problem, solved, shared, weight):
         solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m
     )
     kind = np.tile(np.arange(k + m), groups)
-    old, new = kind < k, kind >= k
+    old = kind < k
+    new = kind >= k
     part = _Normal(
         normal.ball,
         normal.between[:, old],
@@ -194,7 +197,8 @@ def _solve(problem, solved, loss, shared, ordered):
     values = solved.values
     at = solved.at
     errors = np.zeros(len(shared.covariance))
-    by_error, keep = _by_error(at, shared), solved.keep
+    by_error = _by_error(at, shared)
+    keep = solved.keep
     k = len(by_error)
     for iteration in range(_STEPS):
         whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)

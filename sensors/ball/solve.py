@@ -16,7 +16,9 @@ from workbench.core.least_squares.linear_algebra import inverse_positive, solve_
 _TUKEY, _HUBER = 4.685, 1.345
 # median of |z| of a standard normal, and of one cut off at three sigma
 _MEDIAN, _MEDIAN_CUT = 0.67449, 0.67221
-_ROUNDS, _STEPS, _SUBSET = 8, 40, 5000
+_ROUNDS = 8
+_STEPS = 40
+_SUBSET = 5000
 # Sigmas: a fit is settled where a step is shorter.
 _SETTLED = 3e-3
 # Newton steps on all points after a fit of a part of them: so many, of at most so many sigmas.
@@ -221,7 +223,9 @@ def _newton(problem, values, loss, scale, trim):
 
     Block by block, so that everything stays in the processor's cache.
     """
-    size, slopes, weights = problem.size, 0.0, 0.0
+    size = problem.size
+    slopes = 0.0
+    weights = 0.0
     normal = np.zeros((size, size))
     pull = np.zeros(size)
     for block in blocks(problem.points.shape[1]):
@@ -273,7 +277,8 @@ def _rounds(problem, values, loss, trim):
             return Solved(values, np.nan, inliers, at, at.residual)
         if abs(now - scale) <= 0.01 * scale and (inliers != before).sum() <= 1e-3 * len(keep):
             break
-        scale, before = now, inliers
+        scale = now
+        before = inliers
         values, at, keep = _descend(problem, values, at, loss, scale, inliers)
         if not np.isfinite(values).all():
             return Solved(values, np.nan, keep, at, at.residual)

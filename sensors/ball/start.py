@@ -4,8 +4,12 @@ import numpy as np
 
 from sensors.ball.solve import median
 
-_TRIES, _JUDGES, _BEST = 300, 2000, 8
-_FIRST_JUDGES, _LEFT, _DRAWN = 250, 40, 10_000
+_TRIES = 300
+_JUDGES = 2000
+_BEST = 8
+_FIRST_JUDGES = 250
+_LEFT = 40
+_DRAWN = 10_000
 # Less than half: with half of the points wrong, this share still lies on the ball.
 _SHARE = 0.45
 # A ball is at most this many times as large as the piece seen of it: beyond, it is a plane.
@@ -107,7 +111,8 @@ def _score(points, spheres):
 
 def _nearest(points, spheres):
     """(m, d, k) the points (d, n) that are nearest to each of some spheres (d + 1, m)."""
-    distance, n = _distances(points, spheres), points.shape[1]
+    distance = _distances(points, spheres)
+    n = points.shape[1]
     count = min(max(len(spheres), int(_SHARE * n)), n)
     nearest = np.argpartition(distance, count - 1, axis=1)[:, :count]
     return points[:, nearest].transpose(1, 0, 2)

@@ -69,7 +69,8 @@ def _once(rows: np.ndarray) -> np.ndarray:
 
 def _of_one_family(rows: np.ndarray) -> np.ndarray:
     """Only discs that have two or more of about their size within eight radii: a grid, and little else."""
-    places, area = rows[:2], rows[2]
+    places = rows[:2]
+    area = rows[2]
     radius = np.sqrt(area / np.pi)[:, None]
     distance = np.hypot(*(places[:, :, None] - places[:, None]))
     is_near = (distance > 1.5 * radius) & (distance < 8 * radius)

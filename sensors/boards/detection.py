@@ -127,7 +127,8 @@ def detect_all(
             f"{recording.name}/images.csv, column role: expected images of a board, found none; "
             "add rows with role board"
         )
-    found, seen = [], {}
+    found = []
+    seen = {}
     for k, row in enumerate(rows):
         found.append(_one(recording, row, board, seen))
         if progress:

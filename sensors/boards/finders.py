@@ -331,7 +331,9 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
 
 def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
     """Find another grid of circles: sizes around the expected one, the largest first."""
-    wide, high, asymmetric = board.columns, board.rows, board.kind == "asymmetric-circles"
+    wide = board.columns
+    high = board.rows
+    asymmetric = board.kind == "asymmetric-circles"
     around = {
         (a, b)
         for a in range(max(3, wide // 2), wide + 2)
@@ -449,7 +451,8 @@ def _aprilgrid(image: np.ndarray, board: "Board") -> Found:
         if seen != len(set(tags.numbers.tolist())):
             return Found(why=_two(board))
         return Found(why=f"{seen} tags of {aprilgrid.DICTIONARY} found: show more of the board")
-    columns, rows = board.columns // 2, board.rows // 2
+    columns = board.columns // 2
+    rows = board.rows // 2
     if tags.numbers.max() < columns * rows:
         index = aprilgrid.corner_indices(tags.numbers, columns, rows)
         corners, misfit = aprilgrid.ordered_corners(tags, board.points[:2], index)

@@ -275,7 +275,8 @@ def _fit(model: Model, start, spots, grey, weight, steps: int = STEPS) -> Fit:
     """All patches, in groups of a size that memory bears; the last of `values` is the noise of a patch."""
     values_an_evaluation = spots.shape[2] * start.shape[1]
     at_once = max(1, CHUNK // values_an_evaluation)
-    values, sigma = [], []
+    values = []
+    sigma = []
     for first in range(0, len(start), at_once):
         group = slice(first, first + at_once)
         seen = spots[:, group], grey[group], weight[group]
@@ -287,35 +288,71 @@ def _fit(model: Model, start, spots, grey, weight, steps: int = STEPS) -> Fit:
     return Fit(place, sigma, values, np.isfinite(sigma))
 
 
+@dataclass(frozen=True)
+class _MovingPatches:
+    """Patches that still move: their `index` among all, values, cost, normal equations and damping of each."""
+
+    index: np.ndarray
+    values: np.ndarray
+    cost: np.ndarray
+    normal: np.ndarray
+    slope: np.ndarray
+    damping: np.ndarray
+
+    def step(self) -> np.ndarray:
+        """(n, P) step of the damped normal equations."""
+        damped = self.normal + self.damping[:, None, None] * _diagonal(self.normal)
+        return _solved(damped, self.slope)
+
+    def after(self, values, cost, normal, slope) -> "_MovingPatches":
+        """Each patch at its new values where these do not raise its cost, otherwise with more damping."""
+        better = cost <= self.cost
+        return _MovingPatches(
+            self.index,
+            np.where(better[:, None], values, self.values),
+            np.where(better, cost, self.cost),
+            np.where(better[:, None, None], normal, self.normal),
+            np.where(better[:, None], slope, self.slope),
+            np.where(better, self.damping / 8, self.damping * 6),
+        )
+
+    def some(self, chosen: np.ndarray) -> "_MovingPatches":
+        """The chosen ones of these patches."""
+        return _MovingPatches(
+            self.index[chosen],
+            self.values[chosen],
+            self.cost[chosen],
+            self.normal[chosen],
+            self.slope[chosen],
+            self.damping[chosen],
+        )
+
+
 def _levenberg(model, p, seen, steps):
     """Damped Gauss-Newton, one damping a patch: values (n, P + 1) and σ of the place (n,).
 
     A patch rests once its steps are lost in rounding; all end when none moves farther than `SETTLED`.
     """
-    (spots, grey, weight), found = seen, np.copy(p)
-    cost, normal, slope = all_cost, all_normal, _ = _normal(model, p, *seen)
-    damping = np.full(len(p), 1e-3)
-    moving = np.arange(len(p))
+    spots, grey, weight = seen
+    values = np.copy(p)
+    cost, normal, slope = _normal(model, p, spots, grey, weight)
+    patches = _MovingPatches(np.arange(len(p)), p, cost, normal, slope, np.full(len(p), 1e-3))
     for _ in range(steps):
-        damped = normal + damping[:, None, None] * _diagonal(normal)
-        step = _solved(damped, slope)
-        new_cost, new_normal, new_slope = _normal(model, p + step, *seen)
-        better = new_cost <= cost
-        falls = new_cost < (1 - _NOTHING) * cost
-        p = np.where(better[:, None], p + step, p)
-        normal = np.where(better[:, None, None], new_normal, normal)
-        slope = np.where(better[:, None], new_slope, slope)
-        cost = np.where(better, new_cost, cost)
-        damping = np.where(better, damping / 8, damping * 6)
-        found[moving], all_cost[moving], all_normal[moving] = p, cost, normal
+        step = patches.step()
+        moved = patches.values + step
+        moved_cost, moved_normal, moved_slope = _normal(model, moved, *seen)
+        falls = moved_cost < (1 - _NOTHING) * patches.cost
+        patches = patches.after(moved, moved_cost, moved_normal, moved_slope)
+        values[patches.index] = patches.values
+        cost[patches.index] = patches.cost
+        normal[patches.index] = patches.normal
         length = np.abs(step[:, :2]).max(1)
         if (length < SETTLED).all():
             break
         active = np.flatnonzero((length > _AT_REST) | falls)
-        p, normal, slope, cost = p[active], normal[active], slope[active], cost[active]
-        damping, moving = damping[active], moving[active]
+        patches = patches.some(active)
         seen = seen[0][:, active], seen[1][active], seen[2][active]
-    return _with_sigma(model, found, spots, grey, weight, all_normal, all_cost)
+    return _with_sigma(model, values, spots, grey, weight, normal, cost)
 
 
 def _solved(matrices, right):

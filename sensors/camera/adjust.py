@@ -160,7 +160,8 @@ def _once(views, rejected):
 
 def _usable(views, board):
     """Views with corners enough for a pose, and those without."""
-    usable, few = [], []
+    usable = []
+    few = []
     for view, flat in zip(views, is_collinear(views, board)):
         if len(view.index) < LEAST:
             few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
@@ -173,10 +174,12 @@ def _usable(views, board):
 
 def _started(views, few, board, size, model):
     """The chain at its start, the views in it, and those whose corners are no image of this board."""
-    usable, rejected = list(views), []
+    usable = list(views)
+    rejected = []
     while True:
         chain = started(corner_chain(usable, board, size, model))
-        share, is_behind = _misfit(chain), is_behind_board(chain.poses)
+        share = _misfit(chain)
+        is_behind = is_behind_board(chain.poses)
         bad = share > _NO_PLANE
         if bad.any():
             share = np.minimum(share, smoothness_misfit(chain))
@@ -202,7 +205,8 @@ def _started(views, few, board, size, model):
 def _misfit(chain):
     """(G,) RMS of some residuals at the start over the board's extent in the image."""
     chain = chain.at(thinned(chain))
-    group, few = chain.labels["placement"], len(chain.poses)
+    group = chain.labels["placement"]
+    few = len(chain.poses)
     residual = chain.evaluate(chain.camera.values, {}).residual
     counts = np.bincount(group, minlength=few)
     middle = np.stack([np.bincount(group, row, few) / counts for row in chain.pixels])

@@ -82,7 +82,8 @@ def rotate_views(
     """Chain and views with the board in the poses `is_rotated` (G,) laid on itself by a rotation by 90 deg."""
     group = placement_groups(views)[0]
     views = [relabelled(view, board, 1) if is_rotated[k] else view for view, k in zip(views, group)]
-    back, middle = _quarter(board).T, board.middle
+    back = _quarter(board).T
+    middle = board.middle
     matrix = rotation_matrix(chain.poses[:, 3:])
     translation = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
     poses = np.where(

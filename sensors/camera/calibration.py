@@ -384,7 +384,8 @@ def _on_sigmas(calibration: CameraCalibration) -> str:
 
 def _on_flatness(calibration: CameraCalibration) -> list[str]:
     """A sentence where the images contradict the certified flatness of the board."""
-    bow, flatness = calibration.bow, calibration.board.flatness_mm
+    bow = calibration.bow
+    flatness = calibration.board.flatness_mm
     if (
         bow is None
         or flatness is None

@@ -38,7 +38,8 @@ class Curved:
 
 def curved(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Curved | None:
     """Move all unknowns along the weakest parameter's course, poses with it; None where the cost rises as it must."""
-    table, covariance = fit.table, fit.covariance
+    table = fit.table
+    covariance = fit.covariance
     sigma = np.sqrt(np.diag(covariance))
     weak = np.where(fit.known.determined, sigma / table.typical, 0.0)
     k = int(np.argmax(weak))

@@ -176,7 +176,8 @@ def with_held_out(
 def _held_out(tables: PoseTables, chosen: list[int], line: int, count: int) -> HeldOut:
     rest = [k for k in chosen if k != line]
     others = [k for k in range(count) if k not in chosen]
-    without, with_it = tables.held_out(rest), tables.held_out(chosen)
+    without = tables.held_out(rest)
+    with_it = tables.held_out(chosen)
     instead = np.array([tables.held_out([*rest, k]).sum() for k in others])
     degrees = max(float(tables.degrees.sum()), 1.0)
     falls = (without - with_it) / np.maximum(tables.degrees, 1.0)

@@ -68,10 +68,12 @@ def focal_scatter(
 ) -> FocalScatter | None:
     """Of corners at the solution of a bundle; None where there are too few board poses."""
     reduced = ReducedCorners.of(chain, fit, effects)
-    groups, degrees = len(reduced.focal) - 1, reduced.degrees
+    groups = len(reduced.focal) - 1
+    degrees = reduced.degrees
     if groups < _FEWEST_POSES - 1 or degrees < 1:
         return None
-    one, own = reduced.squares(), reduced.squares(np.inf)
+    one = reduced.squares()
+    own = reduced.squares(np.inf)
     variance = own / degrees
     p_value = float(fisher.sf((one - own) / groups / variance, groups, degrees))
     share, share_std = reduced.likeliest_spread(variance)
@@ -102,7 +104,9 @@ class ReducedCorners:
     def of(cls, chain: Corners, fit: BundleFit, effects: tuple[Effect, ...]) -> "ReducedCorners":
         """At the solution of a bundle; effects that it does not hold stand at their null."""
         rows, focal, poses = _whitened(chain, fit, effects)
-        gram, by_focal, squares = 0.0, [], []
+        gram = 0.0
+        by_focal = []
+        squares = []
         for g in range(len(chain.poses)):
             mine = chain.labels["placement"] == g
             of_pose = poses[:, :, mine].reshape(_POSE, -1).T

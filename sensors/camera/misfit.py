@@ -68,8 +68,10 @@ def lines_left_out(
     of_whole, of_chain = (
         one.labels["view"] * count + one.labels["corner"] for one in (whole, chain)
     )
-    out, point = ~np.isin(of_whole, of_chain), whole.labels["corner"]
-    seen, lost = np.bincount(point), np.bincount(point, out)
+    out = ~np.isin(of_whole, of_chain)
+    point = whole.labels["corner"]
+    seen = np.bincount(point)
+    lost = np.bincount(point, out)
     of_board = ((seen >= _FEWEST_IMAGES) & (lost > seen / 2))[point]
     if not of_board.any():
         return ()

@@ -13,7 +13,8 @@ from sensors.camera.undistort import BLOCK, Inverse, Workspace, fit_inverse, ite
 from workbench.core.errors import InputError
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-BROWN, RATIONAL = 9, 12
+BROWN = 9
+RATIONAL = 12
 _MANY = 2 * BLOCK  # pixels, from which the fitted start of the inverse pays
 
 
@@ -104,16 +105,12 @@ class Camera:
         Brown, Photogramm. Eng. 32 (1966) and 37 (1971); OpenCV's `calib3d` equations.
         """
         x, y = flat
-        k1, k2, p1, p2, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
-        x2, y2, xy = x * x, y * y, x * y
+        p1, p2 = self.distortion[2:4]
+        x2 = x * x
+        y2 = y * y
+        xy = x * y
         r2 = x2 + y2
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        steep = k1 + r2 * (2 * k2 + 3 * r2 * k3)
-        below = None
-        if len(self.distortion) > 5:
-            below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-            radial /= below
-            steep = (steep - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        radial, steep, below = self._radial(r2)
         along = 2 * (p1 * y + p2 * x)
         slope = np.empty((2, *flat.shape))
         slope[0, 1] = slope[1, 0] = 2 * (steep * xy + p1 * x + p2 * y)
@@ -122,6 +119,18 @@ class Camera:
         bent = (radial + along) * flat
         bent += np.array([[p2], [p1]]) * r2
         return bent, slope, self._by_coefficient(flat, r2, radial, below, xy)
+
+    def _radial(self, r2):
+        """Radial factor, its derivative by r2, and its denominator (None without k4 to k6)."""
+        k1, k2, _, _, k3, k4, k5, k6 = (*self.distortion, 0.0, 0.0, 0.0)[:8]
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        steep = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+        if len(self.distortion) <= 5:
+            return radial, steep, None
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial /= below
+        below_slope = k4 + r2 * (2 * k5 + 3 * r2 * k6)
+        return radial, (steep - radial * below_slope) / below, below
 
     def _by_coefficient(self, flat, r2, radial, below, xy):
         rows = np.empty((len(self.distortion), *flat.shape))
@@ -178,7 +187,9 @@ def _is_possible(values: np.ndarray, size: np.ndarray) -> bool:
     """Whether a camera with these parameters can exist; the bounds are far outside of any lens."""
     if size.min() < 1 or size.max() > _LARGEST:
         return False
-    focal, centre, distortion = values[:2], values[2:4], values[4:]
+    focal = values[:2]
+    centre = values[2:4]
+    distortion = values[4:]
     return bool(
         focal.min() >= size.max() / 100
         and focal.max() <= 1e4 * size.max()

@@ -91,7 +91,8 @@ class _Likelihood:
 
     def bounds(self, start: np.ndarray) -> list[tuple[float, float]]:
         """Of the log variances: beyond them a residual would be a difference of large numbers."""
-        low, high = np.log(_LOWEST), np.log(_HIGHEST)
+        low = np.log(_LOWEST)
+        high = np.log(_HIGHEST)
         noise = start[0] - np.log(_NOISE), start[0] + np.log(_NOISE)
         return [noise, *((size + low, size + high) for size in start[1:])]
 
@@ -113,7 +114,8 @@ class _Likelihood:
         squares = float(score @ score)
         cost = 2 * np.log(np.diag(lower)).sum() + squares
         cost += self.degrees * np.log(noise) + self.rest / noise
-        gradient, place = [], 0
+        gradient = []
+        place = 0
         for variance, factor in zip(effects, self.factors):
             mine = whitened[:, place : place + factor.shape[1]]
             place += factor.shape[1]

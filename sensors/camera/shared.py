@@ -129,7 +129,8 @@ def _share(chain, fit, effects, some: int) -> _Share:
     """From `some` board poses where they are more: they are much alike."""
     count = len(chain.poses)
     groups = np.unique(np.linspace(0, count - 1, some).astype(int))
-    chosen, weights = chain, fit.weights[0]
+    chosen = chain
+    weights = fit.weights[0]
     if len(groups) < count:
         weights = weights[np.isin(chain.labels["placement"], groups)]
         chosen = group_subset(chain, groups)
@@ -167,7 +168,8 @@ def _blocks(chain, fit, effects, root):
     )
     pose = evaluation.family_rows("placement") * root
     target = evaluation.rows("target", np.array([0, 1])) * root
-    group, corner = chain.labels["placement"], chain.labels["corner"]
+    group = chain.labels["placement"]
+    corner = chain.labels["corner"]
     scale = fit.table.typical[: len(shared)]
     shared = shared * scale[:, None, None]
     pose_blocks = _sum(np.einsum("amn,bmn->nab", pose, pose), group)

@@ -53,7 +53,8 @@ def shared_effects(
     height = _field(points[:2], _box(points[:2]), _HEIGHT_NODES)
     blocks.append((2, _beyond_bow(height, points) if has_bow else height, by_point[2]))
     image = np.array([[-0.5, -0.5], [size[0] - 0.5, size[1] - 0.5]]).T
-    names, units = list(COMPONENTS), list(UNITS)
+    names = list(COMPONENTS)
+    units = list(UNITS)
     for step, nodes in enumerate(_LENS_NODES):
         field = _field(pixels, image, nodes)
         for axis in (0, 1):
@@ -143,13 +144,17 @@ def _field(points, box, nodes):
     """(n, nodes) bilinear weights of points (2, n) on a regular mesh over box (2, 2)."""
     from scipy.sparse import csr_matrix
 
-    lower, share = [], []
+    lower = []
+    share = []
     for row, (low, high), count in zip(points, box, nodes):
         place = np.clip((row - low) / max(high - low, 1e-300), 0, 1) * (count - 1)
         first = np.minimum(place.astype(int), count - 2)
         lower.append(first)
         share.append(place - first)
-    n, columns, index, weight = points.shape[1], nodes[0], [], []
+    n = points.shape[1]
+    columns = nodes[0]
+    index = []
+    weight = []
     for right in (0, 1):
         for down in (0, 1):
             index.append((lower[1] + down) * columns + lower[0] + right)

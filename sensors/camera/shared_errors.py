@@ -126,8 +126,12 @@ def _sizes(effects: SharedEffects, variances: Variances):
 
 def _reduced(rows: CornerRows, precision) -> tuple[Reduced, PoseTables]:
     """Data of the variances: all board poses free, the shared parameters with their priors; and tables by pose."""
-    count, gram, of_poses, freedom = len(rows.shared), 0.0, [], []
-    chosen, columns = _thinned(rows), _columns_of_lines(rows)
+    count = len(rows.shared)
+    gram = 0.0
+    of_poses = []
+    freedom = []
+    chosen = _thinned(rows)
+    columns = _columns_of_lines(rows)
     for k in np.unique(rows.pose[chosen]):
         table = _projected(rows, np.flatnonzero(chosen & (rows.pose == k)))
         gram = gram + table.T @ table

@@ -166,7 +166,8 @@ def homographies(chain: Corners, chosen: np.ndarray, new: np.ndarray) -> np.ndar
 def _transform_normal(places, pixels, weight):
     """(G, 9, 9) normal matrices of the direct linear transform, from (2, G, k) places and pixels, weights (G, k)."""
     (x, y), (u, v) = places, pixels
-    ones, zero = np.ones_like(x), np.zeros_like(x)
+    ones = np.ones_like(x)
+    zero = np.zeros_like(x)
     along_u = np.stack([x, y, ones, zero, zero, zero, -u * x, -u * y, u])
     along_v = np.stack([zero, zero, zero, x, y, ones, -v * x, -v * y, v])
     # (2, 9, G, k) -> (G, 9, 2 k): both equations of all corners of a board
@@ -200,5 +201,6 @@ def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     along, across = (
         part / np.linalg.norm(part, axis=1, keepdims=True) / np.sqrt(2) for part in sums
     )
-    x, y = along + across, along - across
+    x = along + across
+    y = along - across
     return np.c_[columns[..., 2], rotation_vector(np.stack([x, y, np.cross(x, y)], axis=-1))]

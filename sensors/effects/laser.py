@@ -11,7 +11,8 @@ from workbench.core.covariates import known
 from workbench.core.effect import Effect, Grid, Variant
 
 _POWERS = tuple((order - j, j) for order in (2, 3) for j in range(order + 1))
-_LOW_ORDERS, _HIGHEST_ORDER = range(1, 9), 400
+_LOW_ORDERS = range(1, 9)
+_HIGHEST_ORDER = 400
 
 
 class PlaneBow(Effect):
@@ -180,7 +181,8 @@ class MirrorWobble(Effect):
 
     def basis(self, state):
         along = known(stripe_direction(state.planes))
-        none, is_lit = np.zeros(state.n), (~np.isnan(state.planes[3])).astype(float)
+        none = np.zeros(state.n)
+        is_lit = (~np.isnan(state.planes[3])).astype(float)
         moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, is_lit])])
         waves = known(
             np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)])

@@ -93,7 +93,8 @@ _RADIAL = {(1, 1): (1.0, -2 / 3), (0, 2): (1.0, -1.0, 1 / 6), (2, 1): (1.0, -3 /
 
 def _circle(z, r2, a, b):
     """Complex polynomial of leading power z^a conj(z)^b."""
-    order, pairs = a - b, min(a, b)
+    order = a - b
+    pairs = min(a, b)
     angular = z**order if order >= 0 else np.conj(z) ** -order
     unit_radial = (1.0,) + (0.0,) * pairs
     radial = _RADIAL.get((abs(order), pairs), unit_radial)

@@ -84,7 +84,8 @@ class SubsurfaceScatter(Effect):
         )
 
     def basis(self, state):
-        rays, normals = state.rays, state.normals
+        rays = state.rays
+        normals = state.normals
         inward = normals * np.sign((rays * normals).sum(0))
         mine = np.ones(state.n, bool) if self.everywhere else state.ball > 0
         return np.where(mine, known(np.stack([rays, inward])), 0.0)

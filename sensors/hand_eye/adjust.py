@@ -22,7 +22,8 @@ from workbench.core.parameters import Parameters
 POSE = "pose"
 LEAST_NOISE = 1e-6
 """px or mm: no sensor is better, and residuals of exactly zero are those of made-up data."""
-_ROUNDS, _INNER = 6, 100
+_ROUNDS = 6
+_INNER = 100
 _STILL = 0.01  # of a sigma: far below what a few poses know a sigma to
 _LEVEL = 1e-3  # how often a set without a blunder has a pose called one (Baarda's choice): poses are dear
 _MOST = 1e3  # typical sizes of a pose's error: beyond it the poses are nonsense, and no number says more
@@ -98,7 +99,8 @@ def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = Fa
     """
     for _ in range(_ROUNDS):
         fit = _solved(chain, parameters, variances, equal)
-        parameters, before = fit.parameters, variances
+        parameters = fit.parameters
+        before = variances
         errors = fit.values.get(POSE, np.zeros_like(chain.errors))
         model_grams = grams(chain.with_families({POSE: errors}), parameters)
         variances = restricted_likelihood(chain, model_grams, parameters, variances)
@@ -196,43 +198,47 @@ def _component(linear, group, sigma):
 
 
 def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
-    """Best shared change and pose errors of the linear model with Gram matrices `model_grams`, sigma (L,)."""
+    """Best shared change and pose errors of the linear model with Gram matrices `model_grams`, sigma (L,).
+
+    The pose errors are eliminated (Schur complement), the shared parameters solved for, the errors substituted back.
+    """
     gram = model_grams[0] / noise**2
-    measured = model_grams[1].sum()
     free = parameters.mask
     size = int(free.sum())
+    errors_part = slice(size, size + len(sigma))
+    by_errors = gram[:, :size, errors_part]
+    errors_inverse = covariance_of(gram[:, errors_part, errors_part], sigma**-2)
+    mix = errors_inverse @ by_errors.transpose(0, 2, 1)
+    mix_residual = errors_inverse @ gram[:, errors_part, -1:]
+
     typical = parameters.typical[free]
-    group_columns = slice(size, size + len(sigma))
-    last = -1
-    inverse = covariance_of(gram[:, group_columns, group_columns], sigma**-2)
-    mix = inverse @ np.concatenate(
-        [gram[:, group_columns, :size], gram[:, group_columns, last:]], -1
-    )
-    normal = (gram[:, :size, :size] - gram[:, :size, group_columns] @ mix[..., :-1]).sum(0)
-    regularisation = parameters.precision[free] + _FLOOR / typical**2
-    pull = (gram[:, :size, last] - (gram[:, :size, group_columns] @ mix[..., -1:])[..., 0]).sum(0)
-    pull = pull + parameters.precision[free] * (parameters.pack() - parameters.nulls[free])
+    precision = parameters.precision[free]
+    regularisation = precision + _FLOOR / typical**2
+    normal = (gram[:, :size, :size] - by_errors @ mix).sum(0)
     covariance = _scaled_covariance(normal, regularisation, typical)
+    pull = (gram[:, :size, -1] - (by_errors @ mix_residual)[..., 0]).sum(0)
+    pull = pull + precision * (parameters.pack() - parameters.nulls[free])
     change = -covariance @ pull
-    errors = -(mix[..., -1] + mix[..., :-1] @ change)
-    blocks = inverse + mix[..., :-1] @ covariance @ mix[..., :-1].transpose(0, 2, 1)
-    solution = np.concatenate([np.tile(change, (len(gram), 1)), errors, np.ones((len(gram), 1))], 1)
-    large = (np.einsum("pi,pii->p", solution**2, model_grams[0])).sum()
-    squares = max(np.einsum("pi,pij,pj->", solution, model_grams[0], solution), _ROUNDING * large)
-    degrees_used = (
-        size
-        - np.diag(covariance) @ regularisation
-        + (len(sigma) - (np.diagonal(blocks, 0, 1, 2) / sigma**2).sum(1)).sum()
-    )
-    return Linear(
-        change,
-        errors,
-        blocks,
-        normal,
-        covariance,
-        float(squares),
-        max(measured - float(degrees_used), 1.0),
-    )
+    errors = -(mix_residual[..., 0] + mix @ change)
+    errors_covariance = errors_inverse + mix @ covariance @ mix.transpose(0, 2, 1)
+
+    shared_used = size - np.diag(covariance) @ regularisation
+    errors_variance = np.diagonal(errors_covariance, 0, 1, 2)
+    errors_used = len(sigma) - (errors_variance / sigma**2).sum(1)
+    degrees_used = float(shared_used + errors_used.sum())
+    degrees = max(model_grams[1].sum() - degrees_used, 1.0)
+    squares = _sum_of_squares(model_grams[0], change, errors)
+    return Linear(change, errors, errors_covariance, normal, covariance, squares, degrees)
+
+
+def _sum_of_squares(grams: np.ndarray, change: np.ndarray, errors: np.ndarray) -> float:
+    """Sum of squared residuals of the linear model at its solution, not below the rounding of its terms."""
+    count = len(grams)
+    changes = np.tile(change, (count, 1))
+    solution = np.concatenate([changes, errors, np.ones((count, 1))], 1)
+    squares = np.einsum("pi,pij,pj->", solution, grams, solution)
+    terms = np.einsum("pi,pii->p", solution**2, grams).sum()
+    return float(max(squares, _ROUNDING * terms))
 
 
 def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:
@@ -243,7 +249,8 @@ def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.nda
     likelihood would.
     """
     best = solve_linear(model_grams, parameters, noise, sigma)
-    gram, free = model_grams[0], parameters.mask
+    gram = model_grams[0]
+    free = parameters.mask
     size = int(free.sum())
     typical = parameters.typical[free]
     # blocks of the parameters, of these with the errors of the groups, and with the residual
@@ -312,7 +319,9 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
     full: `grams` at the adjustment, where the first Gauss-Newton step starts; a second is taken
     from what the first reached.
     """
-    chain, parameters, variances = adjusted.chain, adjusted.parameters, adjusted.variances
+    chain = adjusted.chain
+    parameters = adjusted.parameters
+    variances = adjusted.variances
     model_grams = full
     for _ in range(2):
         others = without_pose(model_grams, pose)

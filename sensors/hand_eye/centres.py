@@ -20,8 +20,10 @@ from workbench.core.parameters import Parameter, Parameters
 from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
 
 _LEAST = 4
-_STARTS, _FIRST_STEPS = 12, 6
-_RETAINED, _STEPS = 3, 50
+_STARTS = 12
+_FIRST_STEPS = 6
+_RETAINED = 3
+_STEPS = 50
 _SETTLED = 1e-10
 _UNDETERMINED = 1e-9  # eigenvalue of the scaled normal matrix, relative to the largest
 _LEVER = 100.0  # mm: a rotation by 1 rad counts as much as a shift by this

@@ -76,31 +76,43 @@ def fit_circles(flat, label, used, names) -> tuple[np.ndarray, np.ndarray]:
 
     names (P): of the profiles, for sentences. Started from Kasa's algebraic fit (IEEE Trans. Instrum. Meas. 25 (1976)).
     """
-    x, z, k = *flat[:, used], label[used]
+    points = flat[:, used]
+    profile = label[used]
     count = len(names)
-    if np.bincount(k, minlength=count).min() < _FEWEST:
-        few = int(np.argmin(np.bincount(k, minlength=count)))
-        raise InputError(
-            f"{names[few]}: expected at least {_FEWEST} points on one circle, found "
-            f"{np.bincount(k, minlength=count)[few]}; take the profile out or aim at the ball"
-        )
-    number = np.bincount(k, minlength=count)
-    middle = np.stack([np.bincount(k, v, count) / number for v in (x, z)])
-    dx = x - middle[0, k]
-    dz = z - middle[1, k]
-    a, b, c = _solved([dx, dz, np.ones_like(dx)], (dx**2 + dz**2) / 2, k, count).T
-    centre = middle + np.stack([a, b])
-    radius = np.sqrt(2 * c + a**2 + b**2)
+    _refuse_too_few(profile, names)
+    centre, radius = _algebraic_circles(points, profile, count)
     for _ in range(_STEPS):
-        dx = x - centre[0, k]
-        dz = z - centre[1, k]
-        length = np.hypot(dx, dz)
-        step = _solved([dx / length, dz / length, np.ones_like(dx)], length - radius[k], k, count).T
+        from_centre = points - centre[:, profile]
+        length = np.hypot(*from_centre)
+        along = from_centre / length
+        gap = length - radius[profile]
+        step = _solved([*along, np.ones_like(gap)], gap, profile, count).T
         centre = centre + step[:2]
         radius = radius + step[2]
         if np.abs(step).max() < 1e-10:
             break
     return centre, radius
+
+
+def _refuse_too_few(profile: np.ndarray, names) -> None:
+    """Raise InputError where a profile has too few points for a circle."""
+    number = np.bincount(profile, minlength=len(names))
+    few = int(np.argmin(number))
+    if number[few] < _FEWEST:
+        raise InputError(
+            f"{names[few]}: expected at least {_FEWEST} points on one circle, found {number[few]}; "
+            "take the profile out or aim at the ball"
+        )
+
+
+def _algebraic_circles(points, profile, count) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (2, count) and radii (count,) of Kasa's fit, about the mean point of each profile."""
+    number = np.bincount(profile, minlength=count)
+    middle = np.stack([np.bincount(profile, row, count) / number for row in points])
+    x, z = points - middle[:, profile]
+    rows = [x, z, np.ones_like(x)]
+    a, b, c = _solved(rows, (x**2 + z**2) / 2, profile, count).T
+    return middle + np.stack([a, b]), np.sqrt(2 * c + a**2 + b**2)
 
 
 def _solved(rows, target, k, count):

@@ -115,7 +115,8 @@ def _best(chain, parameters, first, most, scale):
         loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
         if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
             return without_scale, ()
-        parameters, first = loose.parameters, loose.variances
+        parameters = loose.parameters
+        first = loose.variances
     scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
     if without_scale is None:
         return scaled, ()
@@ -328,7 +329,8 @@ def _reach(seen):
 
 def _result(chain, points, found, suspicions, notes):
     adjusted, left_out, blunders = found
-    values, count = adjusted.parameters.values, len(chain.flange)
+    values = adjusted.parameters.values
+    count = len(chain.flange)
     used = ~np.isin(np.arange(count), blunders)
     exact = chain.evaluate(values).residual
     free = chain.with_families({"pose": adjusted.errors}).evaluate(values).residual

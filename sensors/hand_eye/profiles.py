@@ -96,7 +96,8 @@ def _checked(points, pose, flange):
 
 
 def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -> BallChain:
-    used, equal = circles.used, weights == "equal"
+    used = circles.used
+    equal = weights == "equal"
     # from a distance within the plane to one from the ball, which is to be the same for all
     relative = (start.values[9] / circles.radius)[pose[used]] if equal else np.ones(used.sum())
     return BallChain(
@@ -157,7 +158,8 @@ def _of_pose(chain, pose):
 
 def _result(chain, found, notes, start, circles, suspicions):
     adjusted, left_out, blunders = found
-    values, count = adjusted.parameters.values, len(chain.flange)
+    values = adjusted.parameters.values
+    count = len(chain.flange)
     exact = chain.distances(values)[None]
     held_out = np.empty_like(exact)
     for k in range(count):

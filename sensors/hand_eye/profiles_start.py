@@ -154,7 +154,9 @@ def _descend(values, circles, flange, radius, steps):
 
 def _slope(values, circles, flange, radius):
     """(3, P, 10) derivative of `_residual` at values (10,)."""
-    sensor_place, sensor_rotation, ball = values[:3], values[3:6], values[6:9]
+    sensor_place = values[:3]
+    sensor_rotation = values[3:6]
+    ball = values[6:9]
     rotation = rotation_matrix(sensor_rotation)
     flange_inverse = np.swapaxes(flange[:, :3, :3], 1, 2)
     from_flange = ball - flange[:, :3, 3]

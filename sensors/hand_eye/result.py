@@ -112,7 +112,8 @@ def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseR
     """The row of one pose."""
     mine = chain.pose == pose
     error = adjusted.errors[pose]
-    residual, other = rms(exact, mine), rms(held_out, mine)
+    residual = rms(exact, mine)
+    other = rms(held_out, mine)
     rotation_deg = (
         float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
     )

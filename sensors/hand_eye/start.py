@@ -58,7 +58,8 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
     import cv2
 
     moved = flange if kind == "in-hand" else inverse(flange)
-    back, found = inverse(moved), {}
+    back = inverse(moved)
+    found = {}
     for name in METHODS:
         arguments = (moved[:, :3, :3], moved[:, :3, 3], seen[:, :3, :3], seen[:, :3, 3])
         found[name] = _called(
@@ -136,7 +137,8 @@ def nearest_labelling(
 
 
 def _corners(points):
-    low, high = points.min(1), points.max(1)
+    low = points.min(1)
+    high = points.max(1)
     return np.array(
         [[x, y, points[2].mean()] for x in (low[0], high[0]) for y in (low[1], high[1])]
     ).T

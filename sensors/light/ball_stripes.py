@@ -111,7 +111,8 @@ class Evaluation(Sight):
 
     def _hit(self):
         """Intersect rays with light planes; two Newton steps lead from a flat plane to a curved one."""
-        chain, change = self.chain, self._delta("plane")
+        chain = self.chain
+        change = self._delta("plane")
         plane = self._planes() + change[:4]
         depth = -plane[3] / (plane[:3] * self.ray).sum(0)
         along = stripe_direction(chain.planes)[:, chain.labels["step"]]

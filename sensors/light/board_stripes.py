@@ -153,7 +153,8 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     shape = np.stack([np.ones_like(place), place, place**2])
     residual = here.residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
-    deviation, weights = residual, np.ones(chain.n)
+    deviation = residual
+    weights = np.ones(chain.n)
     for _ in range(_ROUNDS):
         centreline = _fitted(shape, residual, weights / sigma**2, group, count)
         deviation = np.abs(residual - centreline) / sigma

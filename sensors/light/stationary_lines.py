@@ -128,7 +128,8 @@ def _ends(line, pixels, every) -> np.ndarray:
     """(2, 2) px, one end a column, of the part of a line that pixels (2, n) cover, and `every` (2, m) without a gap."""
     middle, direction = line
     place = direction @ (pixels - middle[:, None])
-    first, last = place.min(), place.max()
+    first = place.min()
+    last = place.max()
     covered = np.sort(direction @ (every - middle[:, None]))
     gaps = np.flatnonzero(np.diff(covered) > _GAP_PX)
     starts = covered[np.append(0, gaps + 1)]

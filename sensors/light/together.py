@@ -65,7 +65,8 @@ class Together:
 
         Uneven light and blur pull a centre by parts of what speckle does to it, and not all stripes alike.
         """
-        sigma, std = self.sigma[2], self.std[2]
+        sigma = self.sigma[2]
+        std = self.std[2]
         if not sigma - 2 * std > centre_px:
             return []
         return [

@@ -128,7 +128,8 @@ class Instrument:
 
     def light_planes(self, state, moment: Moment) -> np.ndarray:
         """(5, n) normal, offset and curvature of the light plane at each observation of `state`."""
-        causes, planes = moment.causes, state.planes
+        causes = moment.causes
+        planes = state.planes
         if self.mirror is not None and causes.on("mirror"):
             planes = self.mirror.planes(state.mirror + causes.delta("mirror", state)[0])
         planes_here = np.vstack([planes, np.zeros(state.n)])

@@ -167,7 +167,8 @@ def _own_cells(stations: Stations | None, role: str, place: int) -> Mapping:
 
 def _covariates(scene, role, place, clock, share, rng) -> tuple[dict[str, float], float]:
     """Values of the columns in the first image, and seconds from one image to the next."""
-    found, seconds = {"time_s": clock}, _EXPOSURE_S
+    found = {"time_s": clock}
+    seconds = _EXPOSURE_S
     if scene.temperature_c:
         first, last = scene.temperature_c
         found["temperature_c"] = round(first + share * (last - first), 3)

@@ -48,7 +48,9 @@ def _focus_depth(camera, surfaces: Sequence[Surface]) -> float:
 
 
 def _look(instrument, surfaces, pixels, moment):
-    camera, causes, n = instrument.camera, moment.causes, pixels.shape[1]
+    camera = instrument.camera
+    causes = moment.causes
+    n = pixels.shape[1]
     if causes.on("pixel"):
         ideal = pixels - causes.delta("pixel", moment.state(camera, n, pixels=pixels))
     else:

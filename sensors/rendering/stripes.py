@@ -127,7 +127,8 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
 
 def _plane_distance(instrument, index, points, moment, known) -> np.ndarray:
     """(n,) mm from the light plane of a step, with everything that acts, of surface points (3, n)."""
-    n, causes = points.shape[1], moment.causes
+    n = points.shape[1]
+    causes = moment.causes
     nominal = instrument.nominal_planes()[:, index]
     if not any(causes.on(port) for port in ("mirror", "plane", "point")):
         return nominal[:3] @ points + nominal[3]
@@ -216,7 +217,8 @@ def _profile(distance, width):
 
 def _widest(instrument, index, points):
     """mm, the largest 1 sigma of the line at points (3, n)."""
-    source, laser = instrument.light(index), instrument.laser
+    source = instrument.light(index)
+    laser = instrument.laser
     if source is None or not np.isfinite(laser.rayleigh_mm):
         return laser.width_mm
     return float(np.max(laser.width(np.linalg.norm(points - source[:, None], axis=0))))
@@ -224,7 +226,8 @@ def _widest(instrument, index, points):
 
 def _across(instrument, index, distance, points):
     """(n,) light across the light plane: its width grows away from the waist, and its peak falls with it."""
-    source, laser = instrument.light(index), instrument.laser
+    source = instrument.light(index)
+    laser = instrument.laser
     if source is None or not np.isfinite(laser.rayleigh_mm):
         return _profile(distance, laser.width_mm)
     width = laser.width(np.linalg.norm(points - source[:, None], axis=0))
@@ -239,7 +242,8 @@ def _along_stripe(instrument, index, points):
 
 def _along(instrument, index, points):
     """(n,) factor of brightness along the fan, of its angle about the source."""
-    source, laser = instrument.light(index), instrument.laser
+    source = instrument.light(index)
+    laser = instrument.laser
     if source is None or not laser.uneven:
         return np.ones(points.shape[1])
     plane = instrument.nominal_planes()[:, index, None]

@@ -67,7 +67,8 @@ class Adjustment:
         return apart_from_frame(self.camera, self.board_stripes.planes, volume, self.joint())
 
     def _plane_rows(self):
-        board_stripes, table = self.board_stripes, self.fit.table
+        board_stripes = self.board_stripes
+        table = self.fit.table
         steps = board_stripes.planes.shape[1]
         rows = np.zeros((3 * steps, len(table)))
         if board_stripes.mirror is None:
@@ -162,11 +163,13 @@ def _bundle(corners, board_stripes, effects, known, free, **options) -> BundleFi
 
 def at_solution(adjustment: Adjustment) -> Adjustment:
     """The chains moved to where the fit ended."""
-    fit, board_stripes = adjustment.fit, adjustment.board_stripes
+    fit = adjustment.fit
+    board_stripes = adjustment.board_stripes
     camera = Camera.of(
         fit.parameters.values[: len(board_stripes.camera.values)], board_stripes.camera.size
     )
-    poses, mirror = fit.values["placement"], None
+    poses = fit.values["placement"]
+    mirror = None
     if board_stripes.mirror is None:
         planes = moved(board_stripes.planes, fit.values["step"])
     else:

@@ -26,7 +26,8 @@ Calibrate = Callable[[Sequence[Effect]], ScannerCalibration]
 
 def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
     """Lack of fit of the stripes on boards against the light planes; None where there are too few."""
-    board_stripes, is_good = calibration.stripes, ~calibration.wrong
+    board_stripes = calibration.stripes
+    is_good = ~calibration.wrong
     labels = board_stripes.labels
     stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
     return stripe_misfit(

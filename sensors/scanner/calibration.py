@@ -158,7 +158,8 @@ def calibrate_scanner(
     )
     corners = replace(camera.chain, sigma=camera.chain.sigma * camera.fit.scales[0])
     free = with_shared_errors(adjust(corners, thin, still, camera.parameters, progress=progress))
-    adjustment, checked = free, None
+    adjustment = free
+    checked = None
     if mirror and len(found.steps) >= FEWEST:
         by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
         numbers = found.steps.astype(float) if by_step else found.commanded

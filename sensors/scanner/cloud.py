@@ -78,7 +78,8 @@ class Cloud:
                 "ordered": True
             }
         place = self.scanner.places(self.steps)
-        planes, covariance = self.scanner.planes, self.scanner.covariance
+        planes = self.scanner.planes
+        covariance = self.scanner.covariance
         if covariance is None:  # the planes count as exact; what a stripe's centres share remains
             covariance = np.zeros((3 * planes.shape[1],) * 2)
         stripe_errors = stripe_error(self.error, place, self.along)

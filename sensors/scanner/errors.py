@@ -11,7 +11,8 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import nearest_rotation
 
-_DEPTHS, _PLACES = 7, 15
+_DEPTHS = 7
+_PLACES = 15
 _FEWEST = 3  # points that a rigid motion needs
 _SOME = 3000  # points that stand for the working volume where all would take long
 
@@ -203,7 +204,8 @@ def laid_over(
     rays = other_camera.normalised(camera.project(points))
     found = cut(rays, other[:, step])
     is_met = np.isfinite(found).all(0)
-    normals, offsets = other[:3], other[3]
+    normals = other[:3]
+    offsets = other[3]
     if is_met.sum() < _FEWEST or not np.isfinite(other).all():
         return points, step, _distances(normals, offsets, step, points), found - points
     # the rigid motion from the other frame into this one, about the middles of both sets of points

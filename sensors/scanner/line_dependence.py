@@ -67,7 +67,8 @@ def line_dependence(
     logarithm of each for all stripes, conditional on a cubic polynomial along each; Wald's test with stripes as
     clusters (Liang & Zeger, Biometrika 73 (1986) 13). None where there are too few stripes.
     """
-    rows, values = [], []
+    rows = []
+    values = []
     for label in np.unique(stripe):
         mine = np.flatnonzero(stripe == label)
         if len(mine) >= _FEWEST_POINTS:

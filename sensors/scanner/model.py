@@ -11,7 +11,7 @@ from sensors.camera.model import Camera
 from sensors.camera.undistort import BLOCK
 from sensors.light.mirror import Mirror
 from sensors.light.planes import light_origin
-from sensors.scanner.errors import by_pixel, by_plane, cut, frame_moves
+from sensors.scanner.errors import by_pixel, cut, frame_moves
 from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
 from sensors.stripe.surface_line import LineShape
@@ -236,30 +236,6 @@ class Scanner:
         """(3, n) mm that points (3, n) move by when the centre of their stripe errs by one px."""
         rows = by_pixel(self.camera, points, self.planes[:, self.places(steps)])
         return np.einsum("c,cin->in", self.scan, rows)
-
-    def point_covariance(
-        self, points: np.ndarray, steps: np.ndarray, sigma: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(3, 3, n) mm^2 of reconstructed points (3, n): noise of their stripe, `sigma` (n,) px, and of their plane.
-
-        Points of one plane share the plane's part: it does not average out over them.
-        """
-        sigma = self.sigma_px if sigma is None else sigma
-        covariance = np.empty((3, 3, points.shape[1]))
-        for first in range(0, points.shape[1], BLOCK):
-            part = slice(first, first + BLOCK)
-            block_points = points[:, part]
-            step = np.asarray(steps)[part]
-            noise = self.by_stripe(block_points, step) * (
-                sigma if np.ndim(sigma) == 0 else sigma[part]
-            )
-            place = self.places(step)
-            moves = by_plane(block_points, self.planes[:, place])
-            shared = np.einsum("kin,nkl->lin", moves, self.plane_covariance[place])
-            covariance[..., part] = noise[:, None] * noise + np.einsum(
-                "lin,ljn->ijn", shared, moves
-            )
-        return covariance
 
 
 def _whole(steps) -> np.ndarray:

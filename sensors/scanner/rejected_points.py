@@ -64,12 +64,14 @@ def rejected_points(chain, wrong: np.ndarray, shape: np.ndarray | None) -> Rejec
     """Of the stripes on boards of a `BoardStripeChain`, wrong (n,) bool, shape (2, n) width and brightness or None."""
     share = float(wrong.mean()) if wrong.size else 0.0
     length = _mean_run(wrong, chain)
-    best, highest = RejectedPoints(share, "sensor", (), 1.0), 0.0
+    best = RejectedPoints(share, "sensor", (), 1.0)
+    highest = 0.0
     groups = _groups(chain, shape)
     for (where, depends_on), label in groups.items():
         deviance, degrees = _deviance(wrong, label)
         # neighbours along a stripe are wrong together: a run of them counts once
-        statistic, freedom = deviance / length, max(degrees, 1)
+        statistic = deviance / length
+        freedom = max(degrees, 1)
         p_value = min(1.0, len(groups) * float(chi2.sf(statistic, freedom)))
         score = _normal_score(statistic, freedom)
         if degrees and score > highest and p_value < _LEVEL:
@@ -124,7 +126,8 @@ def _groups(chain, shape) -> Mapping[Place, np.ndarray]:
 
 def _bins(values: np.ndarray, count: int) -> np.ndarray:
     """(n,) number of the bin of equal width."""
-    low, high = np.nanmin(values), np.nanmax(values)
+    low = np.nanmin(values)
+    high = np.nanmax(values)
     return np.clip(
         ((np.nan_to_num(values, nan=low) - low) / max(high - low, 1e-9) * count), 0, count - 1
     ).astype(int)
@@ -142,7 +145,8 @@ def _mean_run(wrong: np.ndarray, chain) -> float:
         chain.labels["placement"] * (chain.labels["step"].max(initial=0) + 1) + chain.labels["step"]
     )
     order = np.lexsort((chain.along, stripe))
-    ordered, of_stripe = wrong[order], stripe[order]
+    ordered = wrong[order]
+    of_stripe = stripe[order]
     starts = ordered.copy()
     starts[1:] &= ~(ordered[:-1] & (of_stripe[1:] == of_stripe[:-1]))
     return max(float(ordered.sum()) / max(int(starts.sum()), 1), 1.0)

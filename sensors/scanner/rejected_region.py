@@ -20,7 +20,8 @@ def region_of(place: np.ndarray, wrong: np.ndarray, unit: str) -> str:
     along, across = axes.T @ (chosen - middle[:, None])
     ends = np.quantile(along, _ENDS)
     sides = np.quantile(across, _ENDS)
-    length, width = np.ptp(ends), np.ptp(sides)
+    length = np.ptp(ends)
+    width = np.ptp(sides)
     inside = _inside(axes.T @ (place - middle[:, None]), ends, sides)
     shares = (
         f"{100 * wrong[inside].mean():.0f} % of the points there are wrong, "
@@ -36,7 +37,8 @@ def region_of(place: np.ndarray, wrong: np.ndarray, unit: str) -> str:
 
 def _in_dense_bins(place: np.ndarray, wrong: np.ndarray) -> np.ndarray:
     """(n,) bool, whether a point lies in a bin with significantly more wrong points than all have."""
-    low, high = np.nanmin(place, axis=1), np.nanmax(place, axis=1)
+    low = np.nanmin(place, axis=1)
+    high = np.nanmax(place, axis=1)
     size = max(float((high - low).max()) / _BINS, 1e-9)
     column, row = np.nan_to_num((place - low[:, None]) / size).astype(int)
     label = np.unique(np.stack([column, row]), axis=1, return_inverse=True)[1].ravel()
@@ -65,7 +67,8 @@ def _size(value: float) -> str:
 def classes_of(values: np.ndarray, wrong: np.ndarray, called: str) -> str:
     """Sentence part on the share of wrong (n,) bool points in the lowest and the highest tenth of values (n,)."""
     low, high = np.quantile(values, [0.1, 0.9])
-    lowest, highest = wrong[values <= low].mean(), wrong[values >= high].mean()
+    lowest = wrong[values <= low].mean()
+    highest = wrong[values >= high].mean()
     return (
         f"of the tenth with the least {called} {100 * lowest:.0f} % are wrong, of the tenth with the most "
         f"{100 * highest:.0f} %"

@@ -131,7 +131,8 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> f
 
     Planes, poses and all shared errors are of that form along a stripe: whatever else is wrong, this is not.
     """
-    stripe, place = together.labels[0], together.shapes[1]
+    stripe = together.labels[0]
+    place = together.shapes[1]
 
     def sums(values):
         return np.bincount(stripe, weight * values)
@@ -180,8 +181,12 @@ def _effects(board_stripes, together) -> _Effects:
 
     weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
     n = board_stripes.n
-    place, step = board_stripes.labels["placement"], board_stripes.labels["step"]
-    parts, without_cause, kinds, where = [], [], [], []
+    place = board_stripes.labels["placement"]
+    step = board_stripes.labels["step"]
+    parts = []
+    without_cause = []
+    kinds = []
+    where = []
     for kind, (label, shape) in enumerate(zip(together.labels, together.shapes)):
         count = int(label.max(initial=-1)) + 1
         if kind == 2 and count == together.labels[0].max(initial=-1) + 1:

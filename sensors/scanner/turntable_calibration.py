@@ -142,7 +142,8 @@ class _Corners:
 
     def residual(self, values: np.ndarray) -> np.ndarray:
         """(2 n + 2,) px; the last two hold the length of the axis and the place of the point along it."""
-        axis, point = values[:3], values[3:6]
+        axis = values[:3]
+        point = values[3:6]
         unit = axis / np.linalg.norm(axis)
         rotation = rotation_matrix(values[9:12])
         place = values[6:9]
@@ -273,7 +274,8 @@ def _test(commanded, angle_change, chosen, order) -> Term | None:
     free = len(angle_change) - after.shape[1]
     if free < _FEWEST_FREE or np.linalg.cond(after / np.linalg.norm(after, axis=0)) > 1e4:
         return None
-    first, second = _squares(before, angle_change), _squares(after, angle_change)
+    first = _squares(before, angle_change)
+    second = _squares(after, angle_change)
     more = after.shape[1] - before.shape[1]
     statistic = (first - second) / more / max(second / free, 1e-300)
     probability = float(fisher.sf(statistic, more, free))

@@ -11,7 +11,10 @@ import time
 from collections import deque
 from pathlib import Path
 
-RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
+RUNNING = "running"
+DONE = "done"
+FAILED = "failed"
+CANCELLED = "cancelled"
 PROGRESS = "WORKBENCH_PROGRESS"
 _PATIENCE_S = 5.0
 _KEPT = 200

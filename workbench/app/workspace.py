@@ -42,7 +42,9 @@ from workbench.core.errors import InputError
 _MOST_KNOWN = 24
 MOST_LISTED = 100
 """Excluded items that a list shows."""
-REPLACE, EXTEND, REMOVE = "replace", "extend", "remove"
+REPLACE = "replace"
+EXTEND = "extend"
+REMOVE = "remove"
 
 
 class Workspace:
@@ -263,13 +265,15 @@ class Workspace:
     @property
     def excluded_items(self) -> list[Excluded]:
         """Samples and poses that the session excludes, also those that are no part of the newest run."""
-        session, recording = self.session, self.opened.recording
+        session = self.session
+        recording = self.opened.recording
         return self._memo(("excluded", session.changes), lambda: excluded_items(session, recording))
 
     @property
     def first_excluded(self) -> list[Excluded]:
         """The first of `excluded_items`, as many as a list shows."""
-        session, recording = self.session, self.opened.recording
+        session = self.session
+        recording = self.opened.recording
         key = ("first excluded", session.changes)
         return self._memo(
             key, lambda: excluded_items(session, recording, MOST_LISTED)[:MOST_LISTED]
@@ -278,7 +282,8 @@ class Workspace:
     @property
     def excluded_counts(self) -> dict[str, int]:
         """Number of samples, and number of poses, that the session excludes."""
-        session, recording = self.session, self.opened.recording
+        session = self.session
+        recording = self.opened.recording
 
         def compute():
             samples = len(session.excluded(SAMPLES))

@@ -87,13 +87,17 @@ def _sides(steps: np.ndarray, half: float) -> list[float]:
 
     Plain numbers: each value depends on the one before, and an array of a few joints costs ten times as much.
     """
-    offset, side, sides = 0.0, 0.0, []
+    offset = 0.0
+    side = 0.0
+    sides = []
     for step in steps.tolist():
         offset += step
         if offset >= half:
-            offset, side = half, 1.0
+            offset = half
+            side = 1.0
         elif offset <= -half:
-            offset, side = -half, -1.0
+            offset = -half
+            side = -1.0
         sides.append(side)
     return sides
 
@@ -139,7 +143,8 @@ class MotionHistory:
         Bouc-Wen with exponent 1 and beta = gamma = 1/2, straight moves: dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width,
         so that z first falls linearly to 0 and then approaches the sign of the move exponentially. width: rad, mm.
         """
-        state, states = 0.0, []
+        state = 0.0
+        states = []
         for length in (self.moves[joint - 1] / width).tolist():
             state = _wound(state, length) if length >= 0 else -_wound(-state, -length)
             states.append(state)

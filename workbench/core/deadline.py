@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_SILENT_S, _INTERVAL_S = 3.0, 1.0
+_SILENT_S = 3.0
+_INTERVAL_S = 1.0
 
 
 class OutOfTime(Exception):

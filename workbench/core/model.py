@@ -82,7 +82,8 @@ class Model:
     @cached_property
     def spans(self) -> tuple[slice, ...]:
         """Slices of the parameters of each effect."""
-        start, spans = len(self.chain.parameters), []
+        start = len(self.chain.parameters)
+        spans = []
         for effect in self.effects:
             spans.append(slice(start, start + len(effect.parameters(self.chain))))
             start = spans[-1].stop

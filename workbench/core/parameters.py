@@ -145,7 +145,8 @@ class Parameters:
 
     def take_over(self, other: "Parameters") -> "Parameters":
         """Values and mask of `other` for the keys that both have."""
-        values, mask = self.values.copy(), self.mask.copy()
+        values = self.values.copy()
+        mask = self.mask.copy()
         for k, key in enumerate(self.keys):
             if key in other.index:
                 values[k] = other.values[other.index[key]]

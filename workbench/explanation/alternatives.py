@@ -32,7 +32,8 @@ def alternative_sets(
     orthogonal, residual = _without(columns, white, columns[rest])
     seen = np.linalg.norm(orthogonal, axis=1) > _DEPENDENT * np.linalg.norm(columns, axis=1)
     others = [int(i) for i in np.flatnonzero(seen) if i not in chosen]
-    gram, right = orthogonal @ orthogonal.T, orthogonal @ residual
+    gram = orthogonal @ orthogonal.T
+    right = orthogonal @ residual
     penalty = np.log(len(white))
     named = _explained(gram, right, [(member,)])[0] - penalty
     found: list[tuple[float, tuple[int, ...]]] = []

@@ -128,7 +128,8 @@ def _against(bench: RobotBench, reference: references.Reference, recording):
         model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
     )
     wider = RobotBench(chain, bench.pose, effects, bench.recording, bench.warnings)
-    pose, index = bench.pose, chain.state.index
+    pose = bench.pose
+    index = chain.state.index
 
     def noise_of(residual, degrees):
         return replicates.noise(pose, index, residual, stated_sigma(bench.recording), degrees)[0]
@@ -249,7 +250,8 @@ def _visible(bench: Bench, found: Found) -> tuple:
 
 def _verdict(last: "FinalModel", terms, refused, proved) -> str:
     """The word of the contract for what was proved; last: residuals of the final model."""
-    bench, found = last.bench, last.found
+    bench = last.bench
+    found = last.found
     has_structure = contains_unexplained_structure(
         bench, found, terms, proved, _is_above_noise(last, terms)
     )
@@ -313,7 +315,8 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
 
 def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
     """List what is in doubt about this recording, and what its answer cannot contain."""
-    on_data, chain = bench.warnings or recording.warnings, bench.chain
+    on_data = bench.warnings or recording.warnings
+    chain = bench.chain
     if correlation is not None:
         on_data = (*on_data, correlated_noise(correlation))
     if chain is None:
@@ -326,7 +329,8 @@ def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
 def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, int]:
     """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
     repetitions: several only where it takes long."""
-    start, progress = time.perf_counter(), elapsed(say, LEAST_FOLDS)
+    start = time.perf_counter()
+    progress = elapsed(say, LEAST_FOLDS)
 
     def announce(terms):
         say.first(statements.first_terms(terms))
@@ -410,7 +414,8 @@ def _size(bench, effects, term: Term) -> float | None:
 
 def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
-    found, after = last.found, last.after
+    found = last.found
+    after = last.after
     terms = (*terms, *noise_terms(found, terms, refused, after))
     if refused or last.has_rounding or contains_structure(found, terms):
         return terms

@@ -106,7 +106,8 @@ def _covariance(
     parameters = parameters.only(np.isin(parameters.keys, [*estimated, *keys]))
     order = [_masked(parameters).index(key) for key in (*estimated, *keys)]
     information = normal_matrix(model, parameters)[np.ix_(order, order)]
-    count, solution = len(estimated), calibration.solution
+    count = len(estimated)
+    solution = calibration.solution
     shift = -solution.known.covariance @ information[:count, count:] / solution.noise_scale**2
     both = np.concatenate([shift, np.eye(len(keys))])
     covariance = both @ moments @ both.T
@@ -133,7 +134,8 @@ def _masked(parameters) -> list[str]:
 
 def _block_diagonal(blocks: Sequence[np.ndarray]) -> np.ndarray:
     size = sum(len(block) for block in blocks)
-    joined, start = np.zeros((size, size)), 0
+    joined = np.zeros((size, size))
+    start = 0
     for block in blocks:
         end = start + len(block)
         joined[start:end, start:end] = block

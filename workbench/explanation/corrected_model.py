@@ -111,7 +111,8 @@ def write_model(
     progress("the corrected model")
     try:
         calibration = calibrate(recording, stages, trust_data=trust_data)
-        fitted, nominal = calibration.held_out["rms_mm"], calibration.nominal["rms_mm"]
+        fitted = calibration.held_out["rms_mm"]
+        nominal = calibration.nominal["rms_mm"]
         if len(stages) == 1 and not fitted < nominal:
             without.append(_NOMINAL.format(fitted=fitted, nominal=nominal))
             stages = (replace(base_and_tool(), loss=stages[0].loss),)

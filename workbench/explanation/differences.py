@@ -181,7 +181,8 @@ def _left(columns, white, chosen) -> float:
 
 def _p_value(columns, white, chosen, added: int, degrees: int) -> float:
     """p-value of the partial F-test of one more parameter."""
-    before, after = _left(columns, white, chosen), _left(columns, white, [*chosen, added])
+    before = _left(columns, white, chosen)
+    after = _left(columns, white, [*chosen, added])
     free = max(degrees - len(chosen) - 1, 1)
     return float(fisher.sf(max(before - after, 0) / max(after / free, 1e-300), 1, free))
 

@@ -9,7 +9,9 @@ from workbench.explanation.planning.scenes import ROBOT, SCENE
 from workbench.explanation.result import Diagnosis
 from workbench.files.results import rotation_columns
 
-RESIDUALS, VISIBLE, POSES = "residuals.csv", "smallest-visible.csv", "next-experiment-poses.csv"
+RESIDUALS = "residuals.csv"
+VISIBLE = "smallest-visible.csv"
+POSES = "next-experiment-poses.csv"
 
 
 def save(diagnosis: Diagnosis, folder: Path) -> None:
@@ -31,7 +33,9 @@ def save(diagnosis: Diagnosis, folder: Path) -> None:
 
 def _residuals(diagnosis: Diagnosis) -> str:
     """One line a sample: residual before and after (predicted minus measured), held-out errors, fold, outlier."""
-    views, proof, unit = diagnosis.views, diagnosis.proof, diagnosis.unit
+    views = diagnosis.views
+    proof = diagnosis.proof
+    unit = diagnosis.unit
     names = [
         f"{when}_{name}_{unit}"
         for when in ("before", "after")
@@ -59,7 +63,8 @@ def _residuals(diagnosis: Diagnosis) -> str:
 
 def _rotation_columns(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
     """Name -> (n,) deg: residuals of the orientation and held-out angles; {} where none is measured."""
-    views, proof = diagnosis.views, diagnosis.proof
+    views = diagnosis.views
+    proof = diagnosis.proof
     if views.rotation is None:
         return {}
     columns = {}

@@ -36,10 +36,13 @@ class FinalModel:
         if self.bench.chain is None:
             return self.bench.noise(inliers)
         residuals = residuals_of(self.after)
-        recording, position = self.bench.recording, residuals[:3, inliers]
+        recording = self.bench.recording
+        position = residuals[:3, inliers]
         degrees = self.after.degrees * len(position) / len(residuals)
-        pose, index = self.bench.pose[inliers], self._index()[inliers]
-        sigma, rounding = stated_sigma(recording), self._rounding()
+        pose = self.bench.pose[inliers]
+        index = self._index()[inliers]
+        sigma = stated_sigma(recording)
+        rounding = self._rounding()
         if sigma is None or rounding is None:
             return replicates.noise(pose, index, position, sigma, degrees)
         sigma = float(np.sqrt(sigma**2 + (rounding[:3, inliers] ** 2).mean()))
@@ -74,7 +77,8 @@ class FinalModel:
             return None
         residuals = residuals_of(self.after)
         rows = slice(0, min(3, len(residuals)))  # of poses the position: what `sigma_mm` states
-        sigma, rounding = self.bench.chain.stated_sigma[rows, : self.before.n], self._rounding()
+        sigma = self.bench.chain.stated_sigma[rows, : self.before.n]
+        rounding = self._rounding()
         if rounding is not None:
             sigma = np.hypot(sigma, rounding[rows])
         white = residuals[rows] / sigma
@@ -128,7 +132,8 @@ class FinalModel:
             "tool",
             *(("sensor", "artefact") if chain.measurement.place == "sensor" else ()),
         )
-        before, after = residuals_of(self.before), residuals_of(self.after)
+        before = residuals_of(self.before)
+        after = residuals_of(self.after)
         rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
         return Views(
             before[:3],

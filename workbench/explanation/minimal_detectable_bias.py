@@ -20,7 +20,8 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.problem import Problem
 
-POWER, FAMILY = 0.95, 0.01
+POWER = 0.95
+FAMILY = 0.01
 _DRAWS = 24
 _BROAD = 10.0  # typical sizes that an alternative may well have; one that needs a thousand of them is no alternative
 _NOTHING = (
@@ -111,7 +112,8 @@ class _Table:
 
     def apart(self):
         """(C, D) the least length that is left of each candidate when one other takes what it can, and (C,) which."""
-        least, alternative = np.full_like(self.length, np.inf), np.full(len(self.every), -1)
+        least = np.full_like(self.length, np.inf)
+        alternative = np.full(len(self.every), -1)
         middle = np.full(len(self.every), np.inf)
         for k, other in enumerate(self.every):
             remaining_length = np.sqrt(np.maximum(self.length**2 - self._made_by(k), 0))
@@ -161,7 +163,8 @@ def separable_distance() -> float:
     """d with P(N(d^2/2, d^2) > log(POWER / (1 - POWER))) = POWER, in sigmas."""
     from scipy.stats import norm
 
-    z, odds = norm.isf(1 - POWER), np.log(POWER / (1 - POWER))
+    z = norm.isf(1 - POWER)
+    odds = np.log(POWER / (1 - POWER))
     return float(z + np.sqrt(z**2 + 2 * odds))
 
 

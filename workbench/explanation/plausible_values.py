@@ -26,7 +26,9 @@ def implausible_values(
     """
     found = []
     for row in rows:
-        value, std, prior = row["value"], row["std"], row.get("prior")
+        value = row["value"]
+        std = row["std"]
+        prior = row.get("prior")
         value_text = measured(value, std, row["unit"])
         if prior and abs(value) > max(_FAR * prior, CRITICAL_T * std):
             expected = measured(prior, None, row["unit"])

@@ -29,7 +29,8 @@ from workbench.fitting.cross_validation import in_space
 from workbench.fitting.plans import frames_of
 from workbench.jobs.robot.simulate import truth_of
 
-_LENGTH_MM, _TURN_RAD = 1.0, 0.01
+_LENGTH_MM = 1.0
+_TURN_RAD = 0.01
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ def reference_of(
         return _from_description(simulation, robot if isinstance(robot, Mapping) else {})
     if simulation is not None:
         truth = truth_of(Path(simulation))
-        robot, parameters = truth.model.chain.robot, truth.parameters
+        robot = truth.model.chain.robot
+        parameters = truth.parameters
         values = dict(zip(parameters.keys, parameters.values.tolist()))
         keys = dict(truth.shown.robot)
         sigma = truth.shown.sigma_mm
@@ -122,7 +124,8 @@ def _from_description(simulation: Path, named: Mapping) -> Reference:
     if named.get("joints") and set(named["joints"]) <= set(tree.joints):
         keys["joints"] = list(named["joints"])
     robot = load_robot(keys, str(path))
-    mjcf_keys, notes = {}, ()
+    mjcf_keys = {}
+    notes = ()
     if is_mjcf(path):
         mjcf_keys = terms_of(path)
         notes = () if mjcf_keys else tuple(unread(path))

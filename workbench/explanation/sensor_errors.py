@@ -90,7 +90,8 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
     if before is None:
         return None
     after = bench.ball_centres([e for term in terms for e in term.finding.effects])
-    numbers, scans = bench.chains.balls.number, bench.chains.scans
+    numbers = bench.chains.balls.number
+    scans = bench.chains.scans
     moved = np.linalg.norm(after - before, axis=1)
     rows = [
         {
@@ -279,7 +280,8 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
     )
     label = f"{kind} at {effect.at_mm:g} mm"
     squares = float(((found.shift / found.std) ** 2).sum())
-    p_value, tested = max(float(chdtrc(2, squares)), 1e-300), found.held_out
+    p_value = max(float(chdtrc(2, squares)), 1e-300)
+    tested = found.held_out
     probability = tested.probability
     others = (
         Alternative(
@@ -312,7 +314,8 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
 def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
     """What is in doubt about images: displaced lines of the board, the laser line itself, and a focal length that
     differs from board pose to board pose."""
-    chains, warnings = bench.chains, []
+    chains = bench.chains
+    warnings = []
     if chains.lines:
         lines = ", ".join(line.sentence for line in chains.lines)
         warnings.append(

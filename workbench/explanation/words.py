@@ -69,7 +69,8 @@ _COEFFICIENTS = (
     12  # parameters of a law from which on single ones say nothing: those of a polynomial
 )
 _MASSES = "_mass_"  # in the name of a law's number for a first moment
-_OTHER_JOINT, _MOVER = "joint J", re.compile(r"from (joint \d+)")
+_OTHER_JOINT = "joint J"
+_MOVER = re.compile(r"from (joint \d+)")
 _PART = "A part of the machine"  # in the sentence of an effect that may sit anywhere
 
 
@@ -137,7 +138,8 @@ def _placed(text: str, where: str) -> str:
     known = Place.of(where)
     if known.number is None:
         return text
-    kind, number = known.kind, known.number
+    kind = known.kind
+    number = known.number
     there = f"{kind} {number}"
     text = re.sub(
         rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, text, flags=re.IGNORECASE
@@ -288,7 +290,8 @@ def _waves(rows):
     if 2 * len(pairs) != len(known) or not all(other in known for _, other in pairs):
         return
     for first, second in pairs:
-        a, b = known[first], known[second]
+        a = known[first]
+        b = known[second]
         size = math.hypot(a["value"], b["value"])
         # the phase depends on an estimated order, the amplitude to first order not
         widths = [row.get("conditional_std", row["std"]) for row in (a, b)]

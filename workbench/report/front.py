@@ -53,7 +53,8 @@ def _images(folder: Path, rendered: Mapping) -> Section:
 
 def _chain_figures(rendered: Mapping) -> list[tuple[str, str]]:
     """(what, figure in words) of each step of the chain, from the images to the arm."""
-    sensor, centre_errors = rendered["sensor"], rendered["against_truth"]
+    sensor = rendered["sensor"]
+    centre_errors = rendered["against_truth"]
     calibration = sensor["calibration"]
     acceptance = {row["name"]: row["value"] for row in sensor["acceptance"]}
     form = acceptance.get("probing_rms")

@@ -11,7 +11,8 @@ from workbench.report.calibration import headline, history, parameters, residual
 from workbench.report.calibration.summary_image import write_summary
 from workbench.report.sections import Page, Section
 
-PAGE, IMAGE = "report.html", "summary.png"
+PAGE = "report.html"
+IMAGE = "summary.png"
 Progress = Callable[[str], None]
 
 
@@ -77,7 +78,8 @@ def marked(text: str):
 
 def sections(calibration, progress: Progress = silent) -> dict[str, dict]:
     """Content of each section, by its name in the template; progress: called with one line before each."""
-    errors, rotation = spread.errors_of(calibration), spread.rotation_errors_of(calibration)
+    errors = spread.errors_of(calibration)
+    rotation = spread.rotation_errors_of(calibration)
     builders = {
         "headline": lambda: headline.section(calibration, errors, rotation),
         "stages": lambda: stages.section(calibration),

@@ -63,7 +63,8 @@ def _log_ends(low: float, high: float) -> tuple[float, float]:
     ]
     if not usable:
         return 0.1, 10.0
-    low, high = min(usable), max(usable)
+    low = min(usable)
+    high = max(usable)
     return (low, high) if high > low * (1 + 1e-9) else (low / 10**0.5, high * 10**0.5)
 
 

@@ -12,7 +12,8 @@ from sensors.hand_eye.checks.pose_fit import fit_poses, refit, rough_misfit
 from workbench.core.rigid import inverse
 
 OUTLIERS = "wrong-images"
-_REFINED, _REFINED_CHANGES = 8, 3
+_REFINED = 8
+_REFINED_CHANGES = 3
 # Images on each side of a change: with one, a change is the same as one wrong image.
 _LEAST = 2
 _DIFFERENT = 4.0

@@ -72,7 +72,8 @@ def _position_variance(covariance, pose, points):
 
 def board_corners(points: np.ndarray) -> np.ndarray:
     """(3, 4) mm, the corners of the rectangle around board points (3, N)."""
-    low, high = points.min(1), points.max(1)
+    low = points.min(1)
+    high = points.max(1)
     return np.array(
         [[x, y, points[2].mean()] for x in (low[0], high[0]) for y in (low[1], high[1])]
     ).T

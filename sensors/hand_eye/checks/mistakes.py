@@ -106,7 +106,8 @@ def _quaternion_readings(rotation, place) -> Iterator[Reading]:
 
 def _quaternion_mistakes():
     """Cause, words, advice, and which recorded number is which true one of x, y, z, w, with its sign."""
-    same, order = [0, 1, 2, 3], "quaternion-order"
+    same = [0, 1, 2, 3]
+    order = "quaternion-order"
     yield (
         order,
         "look written in the order x, y, z, w",

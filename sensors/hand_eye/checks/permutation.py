@@ -114,7 +114,8 @@ def _assigned(data, fit):
 
 def _pair_distances(data, fit):
     """(P, P) mm, RMS corner distance of image k with pose p under a fit, the label that fits best."""
-    sensor, board = fit.sensor[0], fit.board[0]
+    sensor = fit.sensor[0]
+    board = fit.board[0]
     there = board[:3, :3] @ data.corners + board[:3, 3:]
     outer = data.moved @ sensor
     best = np.full((data.count, data.count), np.inf)

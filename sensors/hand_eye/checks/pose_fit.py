@@ -15,9 +15,11 @@ from sensors.hand_eye.start import align, holding_rows, start_from_boards
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.rigid import inverse, rotation_matrix, rotation_vector, transform
 
-_STEPS, _FEW_STEPS = 40, 6
+_STEPS = 40
+_FEW_STEPS = 6
 _CONVERGED = 1e-7
-_DAMPING, _MOST_DAMPING = 1e-9, 1e4
+_DAMPING = 1e-9
+_MOST_DAMPING = 1e4
 # Cauchy weights: an image twice as far off as half of all counts a half.
 _WIDTH, _REJECTED, _LAST_STEPS = 2.0, 2.0, 3
 
@@ -34,7 +36,8 @@ def fit_poses(data: PoseData, freedom: Freedom = Freedom(), starts=()) -> PoseFi
 
 def refit(data: PoseData, fit: PoseFit, freedom: Freedom, rough: bool = False) -> PoseFit:
     """A fit with more or other freedom, started from another fit; rough: a few steps, to rank alternatives."""
-    sensor, board = fit.sensor[0], fit.board[0]
+    sensor = fit.sensor[0]
+    board = fit.board[0]
     state = _State(sensor, sensor, board, board, fit.scale)
     return _descend(data, state, fit.labels, freedom, _FEW_STEPS if rough else _STEPS)
 

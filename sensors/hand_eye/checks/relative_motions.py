@@ -16,7 +16,8 @@ from workbench.core.rigid import inverse, rotation_vector
 
 # rad: below it the axis of a rotation is uncertain; two poses that agree to this, and to this in mm, are one
 _LEAST_TURN = np.deg2rad(5.0)
-_SAME_RAD, _SAME_MM = np.deg2rad(0.002), 0.002
+_SAME_RAD = np.deg2rad(0.002)
+_SAME_MM = 0.002
 # Displacement of a board in the image up to which it stands still before a camera that stands still: px, and a share
 # of the board's extent in the image, which no arm's repeatability reaches (0.4 mm of a board of 40 mm).
 _STILL_PX, _STILL_SHARE = 2.0, 0.01

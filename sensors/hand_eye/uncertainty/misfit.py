@@ -104,7 +104,8 @@ def with_misfit(adjusted, misfit: Misfit):
 
 def _rows(adjusted, size) -> CornerRows:
     """Linearised at the adjustment, errors of the poses included."""
-    chain, values = adjusted.chain, adjusted.parameters.values
+    chain = adjusted.chain
+    values = adjusted.parameters.values
     evaluation = chain.with_families({"pose": adjusted.errors}).evaluate(values)
     rotation = rotation_matrix(values[9:12]) * (1 + values[12])
     by_board = np.einsum("kcn,kj->jcn", evaluation.shared[6:9], rotation)

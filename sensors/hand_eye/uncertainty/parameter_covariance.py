@@ -56,7 +56,8 @@ def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
     motions leave it open: there an adjustment that lets the robot be off finds a little knowledge in
     the robot's own errors, which is none.
     """
-    table, free = adjusted.parameters, adjusted.parameters.mask
+    table = adjusted.parameters
+    free = adjusted.parameters.mask
     keys = tuple(key for key, mine in zip(table.keys, free) if mine)
     has_no_prior = table.precision[free] == 0
     found = identifiability(

@@ -41,7 +41,8 @@ def places(answer: Mapping, joints: int) -> list[Place]:
     rows = [*answer["effects"], *answer["refused"], *answer["located"]]
     named = {row["where"] for row in rows}
     if answer.get("unit") == PIXELS:
-        arm, order = [], list(_SENSOR)
+        arm = []
+        order = list(_SENSOR)
     else:
         pairs = [(f"joint-{k}", f"link-{k}") for k in range(1, joints + 1)]
         arm = ["base", *(name for pair in pairs for name in pair)]

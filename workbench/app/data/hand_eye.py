@@ -113,7 +113,8 @@ def placed(opened: Opened, flange: np.ndarray) -> Placed | None:
         return None
     sensor = _matrix(opened.answer.get("hand_eye"))
     target = opened.answer.get("target") or {}
-    board, ball = _matrix(target), target.get("xyz_mm")
+    board = _matrix(target)
+    ball = target.get("xyz_mm")
     if sensor is None:
         return None
     if opened.answer.get("kind") == TO_HAND:

@@ -15,7 +15,8 @@ from workbench.core.text.structured_text import ContentError, read_json
 from workbench.files.runs import KEPT_RECORDING, RUNS
 from workbench.report.text import counted
 
-ANSWER, DIAGNOSE = "answer.json", "diagnose"
+ANSWER = "answer.json"
+DIAGNOSE = "diagnose"
 CENTRES = "ball-centres"
 
 

@@ -34,7 +34,8 @@ def _placed(opened, found: Residuals) -> Residuals:
     from workbench.files.solution_file import read_solution
     from workbench.fitting.verdicts.residual_structure import in_root
 
-    arm, moving = read_solution(opened.folder), samples_of(opened.recording)
+    arm = read_solution(opened.folder)
+    moving = samples_of(opened.recording)
     is_fitted = np.isin(moving.sample_ids, found.sample)
     model = Model(bind(arm.robot, moving, start_on=is_fitted), arm.effects)
     known = {key: value for key, value in arm.values.items() if key in model.parameters.index}

@@ -11,8 +11,11 @@ from workbench.core.errors import InputError
 from workbench.files.results import ARROWS
 
 TABLE = "residuals.csv"
-FIT, HELD_OUT, NOMINAL = "fit", "held_out", "nominal"
-HELD_OUT_BEFORE, HELD_OUT_AFTER = "held_out_before", "held_out_after"
+FIT = "fit"
+HELD_OUT = "held_out"
+NOMINAL = "nominal"
+HELD_OUT_BEFORE = "held_out_before"
+HELD_OUT_AFTER = "held_out_after"
 _UNITS = ("_mm", "_px", "_deg")
 ROTATION = "_deg"
 """End of a kind of residual of the orientation, such as "held_out_deg"."""

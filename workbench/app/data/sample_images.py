@@ -33,7 +33,8 @@ def _best(opened: Opened, places: list[int], step: int | None) -> int:
 
 def _nearest_steps(opened: Opened) -> dict[int, int]:
     """Number of a sample -> step of the light whose plane is nearest to the measured point; {} without a scanner."""
-    scanner, columns = scanner_of(opened), opened.samples.columns
+    scanner = scanner_of(opened)
+    columns = opened.samples.columns
     if scanner is None or not set(_POINT) <= set(columns):
         return {}
     points = np.stack([columns[name][opened.rows] for name in _POINT])

@@ -11,7 +11,8 @@ from workbench.app.data.opened import Opened
 from workbench.app.security import resolve_inside
 from workbench.core.errors import InputError
 
-SCANNER, CAMERA = "scanner.toml", "camera.toml"
+SCANNER = "scanner.toml"
+CAMERA = "camera.toml"
 _MOST_CLOUD = 8000
 _SHELL_MM = 1.0
 

@@ -16,7 +16,8 @@ from workbench.core.solution import Stage
 def kept_rows(session: Session, recording) -> np.ndarray:
     """(n,) bool: rows of samples.csv that no change excludes. Raises InputError for samples that do not exist."""
     ids = recording.sample_ids
-    samples, poses = session.excluded(SAMPLES), session.excluded(POSES)
+    samples = session.excluded(SAMPLES)
+    poses = session.excluded(POSES)
     rows, missing = _rows_of_items(ids, samples)
     pose_rows, missing_poses = _rows_of_items(ids, poses)
     missing = np.sort(np.append(missing, missing_poses))

@@ -5,9 +5,15 @@ from dataclasses import dataclass
 
 from workbench.core.errors import InputError
 
-SAMPLES, POSES, IMAGES, STAGES, EFFECTS = "samples", "poses", "images", "stages", "effects"
+SAMPLES = "samples"
+POSES = "poses"
+IMAGES = "images"
+STAGES = "stages"
+EFFECTS = "effects"
 KINDS = (SAMPLES, POSES, IMAGES, STAGES, EFFECTS)
-EXCLUDE, INCLUDE, ADD = "exclude", "include", "add"
+EXCLUDE = "exclude"
+INCLUDE = "include"
+ADD = "add"
 ACTIONS = (EXCLUDE, INCLUDE, ADD)
 ADDED = "added effects"
 """Name of the stage that holds the effects that changes add."""
@@ -58,14 +64,16 @@ def read_change(row: object, where: str) -> Change:
             raise InputError(
                 f"{where}: expected the keys {', '.join(_KEYS)}, found '{key}'; remove or rename it"
             )
-    action, kind = row.get("action"), row.get("kind")
+    action = row.get("action")
+    kind = row.get("kind")
     _check_choice(action, ACTIONS, f"{where}, key action")
     _check_choice(kind, KINDS, f"{where}, key kind")
     if action == ADD and kind != EFFECTS:
         raise InputError(
             f"{where}, key kind: expected effects where action is add, found '{kind}'; correct it"
         )
-    items, why = row.get("items"), row.get("why", "")
+    items = row.get("items")
+    why = row.get("why", "")
     if not isinstance(items, list) or not items:
         raise InputError(
             f"{where}, key items: expected a list with at least one entry, found {items!r}; correct it"

@@ -24,11 +24,14 @@ from workbench.core.errors import InputError
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.runs import RUNS, replace_file, slug
 
-CALIBRATE, CAMERA, HAND_EYE = "calibrate", "camera", "handeye"
+CALIBRATE = "calibrate"
+CAMERA = "camera"
+HAND_EYE = "handeye"
 COMMANDS = (CALIBRATE, CAMERA, HAND_EYE)
 """Commands that repeat a session."""
 KINDS_OF_HAND_EYE = ("in-hand", "to-hand")
-FORMAT, NAME = "session/1", "session.toml"
+FORMAT = "session/1"
+NAME = "session.toml"
 _TYPES = {
     "format": str,
     "command": str,

@@ -80,7 +80,8 @@ def _label(plot, k: int, place: Place, anchor: str) -> None:
 def before_after(opened: Opened, name: str) -> go.Figure:
     """Length of the residual over one quantity, with the baseline and with what was found."""
     plot = style.plane(style.plain(name), "residual (mm)", f"before-after-{name}")
-    residuals, quantities = opened.residuals, quantities_of(opened)
+    residuals = opened.residuals
+    quantities = quantities_of(opened)
     if residuals is None or "before" not in residuals.lengths or name not in quantities:
         return plot
     x = quantities[name]

@@ -14,7 +14,8 @@ from workbench.app.figures.robot import add_arm
 from workbench.app.workspace import Workspace
 from workbench.report.sensor.space import lines, moved, pyramid
 
-_MOST_FLANGES, _MOST_CAMERAS = 800, 40
+_MOST_FLANGES = 800
+_MOST_CAMERAS = 40
 _DEPTH = 0.25
 """Drawn depth of the camera's field as a share of its distance from the board."""
 _AXIS = 0.15
@@ -63,7 +64,8 @@ def scene(work: Workspace) -> go.Figure:
     drawn = thinned(work.count, _MOST_FLANGES)
     around = every[np.union1d(thinned(work.count, _MOST_CAMERAS), [work.current])]
     now = every[work.current : work.current + 1]
-    found, current = placed(opened, around), placed(opened, now)
+    found = placed(opened, around)
+    current = placed(opened, now)
     _flanges(plot, work, drawn, every[drawn, :3, 3].T)
     size = _distance(every, current)
     shapes = _Shapes(opened, size)

@@ -52,7 +52,8 @@ class Overlay:
 def _layers(trace: Mapping) -> Iterable[dict]:
     """Line, then marks of a trace."""
     places = [_encoded(trace[axis]) for axis in "xyz" if axis in trace]
-    line, marker = trace.get("line", {}), trace.get("marker", {})
+    line = trace.get("line", {})
+    marker = trace.get("marker", {})
     name = trace.get("name", "")
     if "lines" in trace["mode"]:
         width = _LINE * line.get("width", 2) if "z" in trace else line.get("width", 2)

@@ -72,7 +72,8 @@ def _box(work: Workspace) -> tuple[np.ndarray, np.ndarray]:
     places = work.opened.residuals.points[:, work.drawn(MOST_ARROWS)]
     if not places.size:
         return np.zeros(3), np.ones(3)
-    low, high = places.min(axis=1), places.max(axis=1)
+    low = places.min(axis=1)
+    high = places.max(axis=1)
     margin = _MARGIN * float(np.linalg.norm(high - low))
     return low - margin, high + margin
 
@@ -105,7 +106,8 @@ def arrow_marks(work: Workspace) -> Overlay:
 
 def _add_excluded(marks: Overlay, work: Workspace) -> None:
     """Grey lines with white edges over the drawn arrows of excluded samples, and rings at their measured points."""
-    found, drawn = work.opened.residuals, work.drawn(MOST_ARROWS)
+    found = work.opened.residuals
+    drawn = work.drawn(MOST_ARROWS)
     drawn = drawn[~work.kept[drawn]]
     points = found.points[:, drawn]
     tips = points + _enlargement(work) * found.arrows[:, drawn]

@@ -11,7 +11,8 @@ from workbench.app.figures.arrows import CORNERS, shafts
 from workbench.app.figures.overlay import Overlay
 from workbench.app.figures.style import INK
 
-WIDTH, HEIGHT = 600, 512
+WIDTH = 600
+HEIGHT = 512
 _CLASSES = 12
 _SHAFT = 1.8
 """Width of the shaft of a needle in px."""
@@ -108,7 +109,8 @@ def _element(path: str, colour: str, width: float) -> str:
 
 def _path(places: np.ndarray) -> str:
     """SVG path through places (2, n); nan lifts the pen."""
-    parts, pen = [], "M"
+    parts = []
+    pen = "M"
     for x, y in places.T.tolist():
         if x != x:
             pen = "M"

@@ -126,7 +126,8 @@ class Page:
         """Show the newest run in the bar."""
         from workbench.app.data.opened import summary
 
-        opened, state = self.work.opened, self.state
+        opened = self.work.opened
+        state = self.state
         state.is_open = True
         state.heading, state.summary = opened.title, summary(opened)
         state.stopped_text = self.stopped_text()

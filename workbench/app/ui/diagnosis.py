@@ -22,7 +22,8 @@ _HEADS = {"where": "Place", "size": "RMS size", "why": "Reason"}
 class DiagnosisTab(Tab):
     """Tab of the unmodelled effects that were found, and their places."""
 
-    name, title = "diagnosis", "Diagnosis"
+    name = "diagnosis"
+    title = "Diagnosis"
     contexts = 4
 
     def build(self) -> None:
@@ -168,7 +169,8 @@ class DiagnosisTab(Tab):
 
     def refresh(self) -> None:
         self.work.look_for_diagnosis()
-        state, opened = self.state, self.work.diagnosis
+        state = self.state
+        opened = self.work.diagnosis
         state.has_diagnosis = opened is not None
         state.no_diagnosis = (
             ""

@@ -31,7 +31,8 @@ _LABELS = {CAMERA: "Calibrate the camera", HAND_EYE: "Calibrate the hand-eye tra
 class EditTab(Tab):
     """Every change is an entry of session.toml."""
 
-    name, title = "edit", "Edit and rerun"
+    name = "edit"
+    title = "Edit and rerun"
     contexts = 2
 
     def build(self) -> None:
@@ -177,7 +178,8 @@ class EditTab(Tab):
             self.figure("comparison", "Share of samples by residual, before and after", "38vh")
 
     def refresh(self) -> None:
-        work, state = self.work, self.state
+        work = self.work
+        state = self.state
         stages, effects = stage_items(work.opened, work.session, work.runs[:-1])
         units = Units.of(work.opened.samples)
         for stage in stages:

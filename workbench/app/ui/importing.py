@@ -26,7 +26,9 @@ _TEXTS = (
 class ImportTab(Tab):
     """The importer of `workbench import`, with a preview that follows every change."""
 
-    name, title, needs_work = "import", "Import", False
+    name = "import"
+    title = "Import"
+    needs_work = False
 
     def __init__(self, page):
         super().__init__(page)
@@ -259,7 +261,8 @@ class ImportTab(Tab):
     def refresh(self) -> None:
         from robot_model import builtin_robots
 
-        state, draft = self.state, self.draft
+        state = self.state
+        draft = self.draft
         state.import_names = list(draft.dropped.names)
         robots = [*draft.dropped.robots, *builtin_robots()]
         state.import_robots = [
@@ -280,7 +283,8 @@ class ImportTab(Tab):
             asynchronous.create_task(self._test())
 
     def _show_trial(self) -> None:
-        state, trial = self.state, self.draft.trial
+        state = self.state
+        trial = self.draft.trial
         state.import_ready = trial is not None and trial.result is not None
         state.import_question, state.import_answers = "", []
         if trial is None:

@@ -27,7 +27,8 @@ from workbench.report.text import covariate_label, joint_label
 class RecordingTab(Tab):
     """Robot in 3-D, scrubbing through the samples, coverage, images."""
 
-    name, title = "recording", "Recording"
+    name = "recording"
+    title = "Recording"
     contexts = 4
 
     def __init__(self, page):

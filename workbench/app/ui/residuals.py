@@ -40,7 +40,8 @@ _HINT = (
 class ResidualsTab(Tab):
     """Tab of the residuals and the samples that they belong to."""
 
-    name, title = "residuals", "Residuals"
+    name = "residuals"
+    title = "Residuals"
     contexts = 4
 
     def __init__(self, page):
@@ -193,7 +194,8 @@ class ResidualsTab(Tab):
                             html.Td("{{ one.value }}", classes="text-right")
 
     def refresh(self) -> None:
-        work, state = self.work, self.state
+        work = self.work
+        state = self.state
         has = work.opened.residuals is not None
         state.residual_unit = state.pose_error_unit if self.errors.refresh() else "mm"
         state.has_rows = work.count > 0
@@ -239,7 +241,8 @@ class ResidualsTab(Tab):
 
     def _show_marks(self) -> None:
         """Show what a selection changes above chart and scene, which are not drawn again."""
-        work, state = self.work, self.state
+        work = self.work
+        state = self.state
         self.overlay("chart", residuals.chart_marks(work, state.quantity, state.kind or ""))
         self.overlay("arrows", residuals.arrow_marks(work))
 
@@ -275,7 +278,8 @@ class ResidualsTab(Tab):
         self._describe_picked()
 
     def _describe_picked(self) -> None:
-        work, state = self.work, self.state
+        work = self.work
+        state = self.state
         if not work.count or not work.selected[work.current]:
             state.picked_title, state.picked_image, state.picked_row = "", -1, []
             self.mark("arrows", None)

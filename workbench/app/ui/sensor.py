@@ -31,7 +31,8 @@ _LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 class SensorTab(Tab):
     """Tab of the sensor's results."""
 
-    name, title = "sensor", "Sensor"
+    name = "sensor"
+    title = "Sensor"
     contexts = 5
 
     def __init__(self, page):
@@ -147,8 +148,10 @@ class SensorTab(Tab):
                     html.Td("{{ one." + key + " }}")
 
     def refresh(self) -> None:
-        state, opened = self.state, self.work.opened
-        scanner, camera = scanner_of(opened), camera_of(opened)
+        state = self.state
+        opened = self.work.opened
+        scanner = scanner_of(opened)
+        camera = camera_of(opened)
         state.has_scanner = scanner is not None
         state.scans = [
             {"title": _scan_title(row), "value": k} for k, row in enumerate(scans_of(opened))

@@ -12,8 +12,13 @@ from trame.widgets import vuetify3 as v3
 
 from workbench.core.errors import InputError
 
-PLANE, SPACE = "plane", "space"
-RESET, ZOOM_IN, ZOOM_OUT, LEFT, RIGHT = "reset", "zoom in", "zoom out", "left", "right"
+PLANE = "plane"
+SPACE = "space"
+RESET = "reset"
+ZOOM_IN = "zoom in"
+ZOOM_OUT = "zoom out"
+LEFT = "left"
+RIGHT = "right"
 _BUTTONS = {
     ZOOM_IN: ("Zoom in", "mdi-magnify-plus-outline"),
     ZOOM_OUT: ("Zoom out", "mdi-magnify-minus-outline"),
@@ -68,7 +73,8 @@ class Seen:
 
 def moved_camera(camera: object, action: str) -> dict:
     """plotly's camera after a step: nearer, farther, or rotated about the vertical axis. Raises InputError."""
-    eye, centre = _vector(camera, "eye"), _vector(camera, "center")
+    eye = _vector(camera, "eye")
+    centre = _vector(camera, "center")
     x, y, z = (a - b for a, b in zip(eye, centre))
     if action in (LEFT, RIGHT):
         angle = _STEP_RAD if action == RIGHT else -_STEP_RAD

@@ -28,7 +28,8 @@ _UNITS = dict.fromkeys(("joints", "rotation", "flange_rotation"), ANGLE_NAMES)
 _UNITS |= {name: tuple(LENGTHS) for name in ("point", "flange_point")}
 _ROTATIONS = ("rotation", "flange_rotation")
 _TESTED = {"title": "tested on the robot", "value": ""}
-_NOT_USED, _TIME = "not used", "time_s, by its header"
+_NOT_USED = "not used"
+_TIME = "time_s, by its header"
 _SHOWN = 3
 _BETWEEN = ", "
 

@@ -102,7 +102,8 @@ def fit_tail(squares: np.ndarray, components: int, least_scale: float = 0.0) -> 
     """
     middle, high = np.quantile(squares, [0.5, 0.9])
     wanted = high / max(middle, 1e-300)
-    low, top = np.log(_HEAVIEST), np.log(_LIGHTEST)
+    low = np.log(_HEAVIEST)
+    top = np.log(_LIGHTEST)
     for _ in range(40):
         degrees = np.exp((low + top) / 2)
         ratio = fisher.ppf(0.9, components, degrees) / fisher.ppf(0.5, components, degrees)

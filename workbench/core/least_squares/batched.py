@@ -13,7 +13,8 @@ import numpy as np
 CHUNK = {"cuda": 131_072, "cpu": 4096}
 """Samples whose rows are in memory at a time: on a card 45 rows of them take 140 MB in double precision, on a processor
 they stay in its cache."""
-_D, _A = 1, 2
+_D = 1
+_A = 2
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ def forward_kinematics(arm: Arm, variables, base: np.ndarray) -> ArmFrames:
     n = variables.shape[1]
     frame = [start[:3, c, None].expand(3, n) for c in range(3)]
     origin = start[:3, 3, None].expand(3, n)
-    axes, points = [], []
+    axes = []
+    points = []
     for k in range(len(arm.geometry)):
         theta, d, a, alpha, beta = tensor(arm.geometry[k])
         joint_angle, shift = (
@@ -91,7 +93,8 @@ def forward_kinematics(arm: Arm, variables, base: np.ndarray) -> ArmFrames:
 
 
 def _distal(frame, origin, joint_angle, shift, a, alpha, beta):
-    z, first = frame[2], origin
+    z = frame[2]
+    first = origin
     frame = _rotated(frame, 2, joint_angle)
     origin = origin + frame[2] * shift + frame[0] * a
     x = frame[0]
@@ -101,12 +104,14 @@ def _distal(frame, origin, joint_angle, shift, a, alpha, beta):
 
 
 def _craig(frame, origin, joint_angle, shift, a, alpha, beta):
-    y, first = frame[1], origin
+    y = frame[1]
+    first = origin
     frame = _rotated(frame, 1, beta)
     x = frame[0]
     frame = _rotated(frame, 0, alpha)
     origin = origin + frame[0] * a
-    z, second = frame[2], origin
+    z = frame[2]
+    second = origin
     frame = _rotated(frame, 2, joint_angle)
     return frame, origin + frame[2] * shift, (z, z, x, x, y), (second, second, first, first, first)
 
@@ -115,7 +120,8 @@ def _rotated(frame, about, angle):
     """The frame times an elementary rotation about one of its axes."""
     i = (about + 1) % 3
     j = (about + 2) % 3
-    c, s = angle.cos(), angle.sin()
+    c = angle.cos()
+    s = angle.sin()
     rotated = list(frame)
     rotated[i] = c * frame[i] + s * frame[j]
     rotated[j] = c * frame[j] - s * frame[i]
@@ -136,7 +142,8 @@ def derivative(
     like = {"dtype": walked.origin.dtype, "device": walked.origin.device}
     places = torch.as_tensor(np.asarray(tool, float), **like)
     point = walked.origin + torch.einsum("cin,nc->in", walked.end, places[index])
-    joints, n = len(arm.geometry), point.shape[1]
+    joints = len(arm.geometry)
+    n = point.shape[1]
     rows = torch.empty((6 + 5 * joints + 3 * len(places) + len(bent), 3, n), **like)
     unit = torch.eye(3, **like)[:, :, None]
     rows[:3] = unit

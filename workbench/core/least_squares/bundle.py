@@ -89,10 +89,6 @@ class BundleFit:
         """1 sigma of each dense unknown by its key."""
         return dict(zip(self.table.keys, np.sqrt(np.diag(self.covariance)).tolist()))
 
-    def group_covariance(self) -> np.ndarray:
-        """(G, L, L) covariance of each group of the eliminated family."""
-        return self.eliminated.covariance(self.covariance, self.sigma_scale)
-
     def group_cross(self) -> np.ndarray:
         """(G, L, D) covariance of each group's unknowns with the dense ones."""
         return -self.eliminated.mix @ self.covariance
@@ -104,10 +100,6 @@ class Eliminated:
 
     inverse: np.ndarray
     mix: np.ndarray
-
-    def covariance(self, dense: np.ndarray, scale: float) -> np.ndarray:
-        """(G, L, L) from the covariance of the dense unknowns."""
-        return scale**2 * self.inverse + self.mix @ dense @ self.mix.transpose(0, 2, 1)
 
 
 def solve_bundle(
@@ -380,7 +372,8 @@ class _Problem:
         """
         if self.damping > 0 or self.leaps == 0:
             return False
-        before, start = dict(self.__dict__), self.point
+        before = dict(self.__dict__)
+        start = self.point
         for _ in range(_LEAP):
             there = self.moved(*move)
             self.take(there, self.linearise(there))
@@ -457,7 +450,8 @@ class _Problem:
 
 
 def _layout(parameters, families, eliminate):
-    offset, start = {}, int(parameters.mask.sum())
+    offset = {}
+    start = int(parameters.mask.sum())
     for name, family in families.items():
         if name != eliminate:
             offset[name] = start

@@ -301,7 +301,8 @@ class Part:
         )
 
     def _add_families(self, blocks, grams, free):
-        spans, start = {}, free
+        spans = {}
+        start = free
         for name in self.families:
             spans[name] = slice(start, start + self.layout.length[name])
             start = spans[name].stop

@@ -19,7 +19,8 @@ from workbench.core.least_squares.linear_algebra import (
 )
 from workbench.core.parameters import Parameters
 
-_PART, _NAMED = 0.05, 6
+_PART = 0.05
+_NAMED = 6
 _SAME = (
     1e-12  # squared: what rounding leaves of a column, in its own length, that others make exactly
 )
@@ -245,7 +246,9 @@ def _partners(part, keys, retained):
 
 def _greedy(scaled):
     """Indices kept, and for each one left out its mix of the kept (Cholesky, column by column)."""
-    retained, left_out, lower = [], {}, np.zeros_like(scaled)
+    retained = []
+    left_out = {}
+    lower = np.zeros_like(scaled)
     norms = np.sqrt(np.maximum(np.diag(scaled), 0))
     for k in range(len(scaled)):
         size = len(retained)

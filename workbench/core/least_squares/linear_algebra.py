@@ -304,7 +304,8 @@ def least_squares(rows: np.ndarray, right: np.ndarray, tolerance: float = 1e-12)
 
 def root_between(function: Callable[[float], float], low: float, high: float) -> float:
     """Find the sign change of a function between `low` and `high`; without one, the end with the smaller value."""
-    at_low, at_high = function(low), function(high)
+    at_low = function(low)
+    at_high = function(high)
     if not (np.isfinite(at_low) and np.isfinite(at_high) and at_low * at_high < 0):
         return low if abs(at_low) <= abs(at_high) or not np.isfinite(at_high) else high
     return _bracketed_root(function, (low, at_low), (high, at_high))

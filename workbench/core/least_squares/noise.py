@@ -13,7 +13,8 @@ from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.model import NOISE, Model
 from workbench.core.parameters import Parameters
 
-_ROUNDS, _LONGEST = 20, 1.0
+_ROUNDS = 20
+_LONGEST = 1.0
 
 
 def noise_mask(model: Model, parameters: Parameters) -> np.ndarray:

@@ -124,7 +124,8 @@ class SingleParameters:
 
 def _joined(merged: Sequence[list[str]], members: Sequence[str]) -> list[list[str]]:
     """The groups with one more; those that share a member with it become one with it."""
-    keys, disjoint = list(members), []
+    keys = list(members)
+    disjoint = []
     for others in merged:
         if set(others) & set(members):
             keys += [key for key in others if key not in keys]

@@ -90,7 +90,8 @@ def _check_values(value) -> None:
     containers nested more than 100 deep. YAML may refer to a container many times, even to one that
     contains it: each container is looked at once.
     """
-    pending, seen = [(value, 0)], set()
+    pending = [(value, 0)]
+    seen = set()
     while pending:
         item, depth = pending.pop()
         if isinstance(item, str):

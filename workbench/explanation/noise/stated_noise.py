@@ -15,12 +15,14 @@ from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
 
-EFFECT, WHERE = "stated-noise", "noise"
+EFFECT = "stated-noise"
+WHERE = "noise"
 RELEVANT = 1.25
 """Ratio of standard deviations from which on a wrong statement matters: noise is seldom known better."""
 _EXCESS = 1.1  # from which on a residual is above the noise, which is hardly ever known to a tenth
 _QUANTILES = (0.5, 0.9)
-FROM_REPLICATES, FROM_RESIDUALS = "from replicates", "from residuals"
+FROM_REPLICATES = "from replicates"
+FROM_RESIDUALS = "from residuals"
 
 
 @dataclass(frozen=True)
@@ -75,12 +77,15 @@ class StatedNoise:
             [(np.bincount(group, row) / np.bincount(group))[group] for row in self.white]
         )
         each = ((self.white - means) ** 2).mean(0) * count / np.maximum(count - 1, 1)
-        m, pose, inliers = len(self.white), self.pose[repeated], self.inliers[repeated]
+        m = len(self.white)
+        pose = self.pose[repeated]
+        inliers = self.inliers[repeated]
         return _ratio(each[repeated], m, pose, inliers, free, FROM_REPLICATES)
 
     def lack_of_fit(self) -> float:
         """p-value that the residual is no larger than the scatter of replicates; 1 without replicates."""
-        found, within = self.from_residuals(), self.from_replicates()
+        found = self.from_residuals()
+        within = self.from_replicates()
         if found is None or within is None or not found.factor > RELEVANT * within.factor:
             return 1.0
         _, free = replicates(self.pose, self.index, self.white)
@@ -102,7 +107,8 @@ def _ratio(
 ) -> NoiseRatio:
     """The ratio from mean squares (n,) of samples of m coordinates, in units of the stated variance."""
     factors = np.sqrt(_variances(each, m, inliers))
-    agreed, factor = _agreed(factors), float(factors[1])
+    agreed = _agreed(factors)
+    factor = float(factors[1])
     usable = each[inliers] if inliers.any() else each
     _, group = np.unique(pose[inliers] if inliers.any() else pose, return_inverse=True)
     sums = np.bincount(group, usable - usable.mean())  # repeats of one pose may err together

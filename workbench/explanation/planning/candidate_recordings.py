@@ -12,7 +12,8 @@ from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.robot.bench import with_derived
 
 POOL = 120
-_LOAD_SHARE, _LEAST_LOAD_KG = 0.1, 2.0
+_LOAD_SHARE = 0.1
+_LEAST_LOAD_KG = 2.0
 _WARMER_K = 10.0
 _MOVED_RAD = 0.2
 MORE, LOAD, WARM, SIDES = (
@@ -151,7 +152,8 @@ def _more(bench, rows, pose, rng) -> CandidateRecording:
     recording = bench.recording
     names = [c for c in recording.columns if Covariate.of(c).is_reading]
     readings = np.stack([recording.columns[c] for c in names])
-    low, high = readings.min(1), readings.max(1)
+    low = readings.min(1)
+    high = readings.max(1)
     count = pose.max() + 1
     if recording.measures == "ball-centre":
         fresh = (

@@ -29,7 +29,8 @@ from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
 from workbench.explanation.words import covariate, listed, place
 
-POSES, _ASKED = 30, 3
+POSES = 30
+_ASKED = 3
 _MOST_EXTRA = 30  # times as many samples as were planned
 _LEAST_GAINED = 0.1  # sigma that a recording has to add to a distance, to be worth measuring
 _LIKELY, _ALIKE = (
@@ -289,7 +290,8 @@ def compared(
     bench, others, pair: ConfoundedPair, kinds: Sequence[CandidateRecording]
 ) -> list[tuple[dict, CandidateRecording]]:
     """Every kind of recording with its best poses and what they would reach, the most telling first."""
-    found, fitted = [], _fitted(bench, others, pair)
+    found = []
+    fitted = _fitted(bench, others, pair)
     for plan in kinds:
         try:
             found.append((_information_gain(bench, fitted, pair, plan), plan))
@@ -331,7 +333,8 @@ def _information_gain(
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
     chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
     more = known + normal_of(blocks[chosen])
-    now, then = _separation(known, size, places_of_term), _separation(more, size, places_of_term)
+    now = _separation(known, size, places_of_term)
+    then = _separation(more, size, places_of_term)
     gained = then**2 - now**2
     if not gained > 0:
         return None

@@ -13,7 +13,8 @@ from workbench.jobs.robot.corrected_scene import (
     target_keys,
 )
 
-SCENE, ROBOT = "next-experiment.toml", "next-experiment.robot.toml"
+SCENE = "next-experiment.toml"
+ROBOT = "next-experiment.robot.toml"
 
 
 def scene_of(bench, others, doubtful, plan, poses: int) -> tuple[dict | None, dict | None]:

@@ -8,7 +8,8 @@ from workbench.report.text import counted, rounded
 
 def section(calibration, errors, rotation=None) -> dict:
     """Title, four large numbers for each kind of error, and the sentences below them."""
-    recording, held_out = calibration.recording, calibration.held_out
+    recording = calibration.recording
+    held_out = calibration.held_out
     return {
         "title": recording.title or recording.name or "Calibration",
         "robot": calibration.robot.name,
@@ -55,7 +56,8 @@ def gain(calibration) -> str:
 
 
 def _gain(calibration, kind: Kind) -> str:
-    key, unit = kind.key("rms"), kind.unit
+    key = kind.key("rms")
+    unit = kind.unit
     nominal = calibration.nominal[key]
     fit = calibration.fit[key]
     held_out = calibration.held_out[key]

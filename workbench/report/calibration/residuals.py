@@ -37,7 +37,8 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
 
     errors: of the position; rotation: of the orientation, if it is measured.
     """
-    found, names = quantities(calibration.recording), calibration.recording.group_names
+    found = quantities(calibration.recording)
+    names = calibration.recording.group_names
     constant = [
         covariate_label(name)
         for name, x in calibration.recording.covariates.items()
@@ -173,7 +174,8 @@ def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
 
 def detail(dependence: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Figure:
     """Components and length of the residual of the drawn samples over one quantity, in stacked panels."""
-    panels, unit = len(errors.rows), errors.kind.unit
+    panels = len(errors.rows)
+    unit = errors.kind.unit
     plot = make_subplots(panels, 1, shared_xaxes=True, vertical_spacing=0.025)
     for k, ((name, row), colour) in enumerate(zip(errors.rows.items(), _colours(errors))):
         plot.add_scatter(

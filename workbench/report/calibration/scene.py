@@ -47,7 +47,8 @@ def section(calibration, errors: Errors) -> dict:
 def scene_of(calibration) -> Scene:
     """Feet, arrows and arm. If all points coincide, the arrows start at the flange."""
     flange, links, at = arm(calibration)
-    points, residual = calibration.points, calibration.residual_in_root
+    points = calibration.points
+    residual = calibration.residual_in_root
     together = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
     feet, anchor = (
         (flange, "the nominal flange of its pose") if together else (points, "its measured point")
@@ -59,7 +60,8 @@ def scene_of(calibration) -> Scene:
 
 def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
     """Flange origins (3, n), links (3, J+2) of the pose nearest to the median pose, and its row."""
-    recording, robot = calibration.recording, calibration.robot
+    recording = calibration.recording
+    robot = calibration.robot
     variables = robot.mixing @ recording.joints.T
     middle = np.median(variables, axis=1, keepdims=True)
     spread = np.maximum(variables.std(1, keepdims=True), 1e-9)

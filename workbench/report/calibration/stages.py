@@ -58,7 +58,8 @@ def _rms_of(stage, kind: Kind) -> tuple[float, float]:
 
 def chart(calibration, kind: Kind = POSITION) -> go.Figure:
     """Held-out RMS by stage, from top to bottom: a step line through the retained stages."""
-    lines, unit = _lines(calibration, kind), kind.unit
+    lines = _lines(calibration, kind)
+    unit = kind.unit
     plot = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
     retained = [line for line in lines if line[3]]
     plot.add_scatter(
@@ -119,6 +120,7 @@ def _add_held_out(plot, name, lines, colour, unit):
 
 def _log_range(values):
     """A logarithmic axis with room on the right for the label of the last point."""
-    low, high = min(values), max(values)
+    low = min(values)
+    high = max(values)
     span = max(high / low, 2.0)
     return style.log_axis(low / span**0.06, high * span**0.08)

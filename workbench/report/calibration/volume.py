@@ -19,7 +19,8 @@ def volume(places: np.ndarray, error: np.ndarray):
     """
     import pyvista
 
-    low, high = places.min(1), places.max(1)
+    low = places.min(1)
+    high = places.max(1)
     step = float((high - low).max()) / _CELLS
     counts = np.ceil((high - low) / step).astype(int) + 1
     grid = pyvista.ImageData(dimensions=counts, spacing=(step,) * 3, origin=low)

@@ -10,7 +10,8 @@ from workbench.report import style
 
 _APART = ("time", "noise", "samples")
 _DISTANCE_APART = 3.0  # between places outside the chain, so that the names of their findings fit
-_SMALL, _LARGE = 13, 46
+_SMALL = 13
+_LARGE = 46
 
 
 def chain(diagnosis: Diagnosis) -> go.Figure:
@@ -130,7 +131,8 @@ def _names(drawn, diagnosis, places, x, y):
     for term in diagnosis.terms:
         at.setdefault(term.finding.where, []).append(term.finding.effect)
     for k, where in enumerate(w for w in places if w in at):
-        text, blue = "<br>".join(dict.fromkeys(at[where])), dict(size=11, color=style.BLUE)
+        text = "<br>".join(dict.fromkeys(at[where]))
+        blue = dict(size=11, color=style.BLUE)
         if where in _APART:
             drawn.add_annotation(
                 x=x[where] + 0.3,

@@ -92,5 +92,6 @@ def _range(values: Sequence[float | None], text: Callable[[float], str]) -> str:
     known = [value for value in values if value is not None]
     if not known:
         return "–"
-    low, high = text(min(known)), text(max(known))
+    low = text(min(known))
+    high = text(max(known))
     return low if low == high else f"{low} to {high}"

@@ -13,7 +13,10 @@ from workbench.report import style
 from workbench.report.calibration.scene import arrow_scale, axes
 
 _COLOURS = {"before": style.GREY, "after": style.BLUE}
-_MOST_PANELS, _BINS, _LOOKED, _FEW = 6, 20, 5000, 4
+_MOST_PANELS = 6
+_BINS = 20
+_LOOKED = 5000
+_FEW = 4
 _ALIKE = 0.999
 
 
@@ -261,7 +264,8 @@ def covariate_name(name: str) -> str:
 
 def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np.ndarray, str]:
     """Values of a covariate in the unit of display, and the title of the axis."""
-    x, words = covariates[name], covariate_name(name)
+    x = covariates[name]
+    words = covariate_name(name)
     if name in ("time", "time_s"):
         return x, "time (s)" if "time_s" in covariates else "row number"
     known = Covariate.of(name)

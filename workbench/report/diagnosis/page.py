@@ -35,7 +35,8 @@ _PASSED = {True: "passed", False: "failed", None: "cannot tell"}
 
 def page(diagnosis: Diagnosis) -> Page:
     """The whole page."""
-    proof, unit = diagnosis.proof, diagnosis.unit
+    proof = diagnosis.proof
+    unit = diagnosis.unit
     numbers = (
         ("held-out RMS, with the findings", rounded(proof.after), unit),
         ("held-out RMS, before", rounded(proof.before), unit),
@@ -242,7 +243,8 @@ def _difference(diagnosis: Diagnosis):
 
 
 def _validation(diagnosis: Diagnosis):
-    proof, unit = diagnosis.proof, diagnosis.unit
+    proof = diagnosis.proof
+    unit = diagnosis.unit
     yield words(
         "Nested cross-validation repeats the complete search without a part of the samples; the findings must predict "
         "this part better. A term is retained only if the held-out error rises significantly without it, conditional "

@@ -131,7 +131,8 @@ def _line(drawn: go.Figure, plot: Diagnosis, step: Step, x, place) -> None:
 
 def in_space(plot: Diagnosis) -> go.Figure:
     """The measured points coloured by the residual of the model that a menu chooses, on one colour scale."""
-    steps, views = plot.views.steps, plot.views
+    steps = plot.views.steps
+    views = plot.views
     shown = style.thinned(views.points.shape[1])
     lengths = [np.linalg.norm(np.nan_to_num(step.residual[:, shown]), axis=0) for step in steps]
     top = float(np.percentile(lengths[0], 98)) if lengths[0].size else 1.0

@@ -15,7 +15,8 @@ _STATISTICS = ("rms", "mean", "p95", "max")
 
 def page(evaluated: Evaluated, answer: Mapping) -> Page:
     """The whole page. answer: `Evaluated.as_json`."""
-    error, nominal = answer["error"], answer["nominal"]
+    error = answer["error"]
+    nominal = answer["nominal"]
     numbers = (
         ("RMS position error", rounded(error["rms_mm"]), "mm"),
         ("95 % below", rounded(error["p95_mm"]), "mm"),

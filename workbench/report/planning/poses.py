@@ -100,7 +100,8 @@ def _criterion(chosen: Chosen, answer: Mapping):
 
 
 def _predicted(answer: Mapping) -> dict:
-    n, error = answer["poses"], answer["predicted"]
+    n = answer["poses"]
+    error = answer["predicted"]
     rows = [
         (f"these {n}", rounded(error["chosen_mm"])),
         (f"{n} at random (median)", rounded(error["random_mm"])),

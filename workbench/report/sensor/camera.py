@@ -109,7 +109,9 @@ def _images(run: CameraRun, prefix: str):
 
 
 def _field(calibration, prefix: str):
-    pixels, residual, size = calibration.chain.pixels, calibration.residual, calibration.camera.size
+    pixels = calibration.chain.pixels
+    residual = calibration.residual
+    size = calibration.camera.size
     arrows, scale = field.arrows(pixels, residual, size)
     share = float((calibration.coverage > 0).mean())
     drawn = style.thinned_sentence(pixels.shape[1]).replace("samples", "corners")
@@ -149,7 +151,8 @@ def _field(calibration, prefix: str):
 
 
 def _uncertainty(calibration, prefix: str):
-    size, uncertainty = calibration.camera.size, calibration.uncertainty
+    size = calibration.camera.size
+    uncertainty = calibration.uncertainty
     figures = [
         figure(
             prefix + "sigma",

@@ -46,7 +46,8 @@ def arrows(
     pixels: np.ndarray, residual: np.ndarray, size: tuple[int, int]
 ) -> tuple[go.Figure, float]:
     """Residuals (2, n) px as enlarged lines from their pixels (2, n), and the enlargement."""
-    plot, scale = field(size), enlargement(residual, size)
+    plot = field(size)
+    scale = enlargement(residual, size)
     drawn = style.thinned(pixels.shape[1])
     foot = pixels[:, drawn]
     tip = pixels[:, drawn] + scale * residual[:, drawn]

@@ -243,7 +243,8 @@ def _space(run):
 
 def scene(run: HandEyeRun) -> go.Figure:
     """Flanges, sensors and their targets in the base frame, mm."""
-    hand_eye, figure = run.made, space.space()
+    hand_eye = run.made
+    figure = space.space()
     flange = run.flange
     if hand_eye.kind == TO_HAND:
         sensors = hand_eye.sensor[None]
@@ -312,7 +313,8 @@ def _as_matrix(sensor):
 
 def _profiler(run):
     """Noise and scale of the profiler and radius of the sphere, with certified and with estimated radius."""
-    head, rows = ["", "radius certified", "radius free"], []
+    head = ["", "radius certified", "radius free"]
+    rows = []
     both = [run.made, run.free] if run.free else [run.made]
     for title, key, values, unit in (
         ("radius of the sphere", "target.radius", [fit.radius for fit in both], "mm"),

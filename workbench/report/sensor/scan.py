@@ -57,7 +57,9 @@ def page(scans: Scans) -> Page:
 
 def _most(scans: Scans) -> tuple[float | None, float | None, int]:
     """Largest RMS and 1 sigma of a centre, mm, of completely seen balls (None without one), and their number."""
-    form, spread, count = None, None, 0
+    form = None
+    spread = None
+    count = 0
     for _, ball in _found(scans):
         count += 1
         if ball.whole:
@@ -139,7 +141,8 @@ def _acceptance(scans: Scans):
         "calibrated depths are excluded. An acceptance test to the standard also requires its artefacts and positions "
         "in the volume. Without a stated limit there is no pass or fail."
     )
-    rows, missing = [], []
+    rows = []
+    missing = []
     for characteristic in characteristics(scans):
         name = characteristic.name.replace("_", " ")
         if not characteristic.determined:
@@ -245,7 +248,10 @@ def _row(scan: Scan, ball: Ball) -> tuple:
 
 def _doubts(scan_run: Scans) -> tuple[list[str], int]:
     """Remarks on scans and balls, and the number of further ones; a remark common to several scans is given once."""
-    same, odd, known, unlisted = {}, [], [], 0
+    same = {}
+    odd = []
+    known = []
+    unlisted = 0
     for scan in scan_run.scans:
         for part in filter(None, scan.outcome.split("; ")):
             if part in same or len(same) < _DOUBTS:

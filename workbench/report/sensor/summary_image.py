@@ -10,7 +10,8 @@ from workbench.report import style
 from workbench.report.page import IMAGE
 from workbench.report.sections import Page
 
-_INK, _MOST = "#222222", 5000
+_INK = "#222222"
+_MOST = 5000
 _NAMED = 40  # largest number of bars that carry their names
 _SCANS = 60  # largest number of bars that stay distinguishable
 _log = logging.getLogger(__name__)
@@ -149,7 +150,8 @@ def scan(run) -> tuple[Panel, ...]:
 
 def handeye(run) -> tuple[Panel, ...]:
     """Errors by pose, and the estimated errors of the flange poses."""
-    rows, unit = run.made.poses, run.made.unit
+    rows = run.made.poses
+    unit = run.made.unit
     place = np.arange(1, len(rows) + 1)
 
     def errors(axes):

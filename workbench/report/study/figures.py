@@ -10,7 +10,8 @@ from workbench.report.text import axis_label, column_label, rounded
 from workbench.studies.spec import Axis
 
 _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
-_BINS, _EACH = 12, 12
+_BINS = 12
+_EACH = 12
 
 
 def over(
@@ -68,7 +69,8 @@ def _binned(axis, across, up):
         index = np.clip(np.searchsorted(edges, scale(across), side="right") - 1, 0, bins - 1)
         places = back((edges[1:] + edges[:-1]) / 2)
     else:
-        places, index = values, np.searchsorted(values, across)
+        places = values
+        index = np.searchsorted(values, across)
     full = [k for k in range(len(places)) if (index == k).any()]
     quantiles = np.array([np.percentile(up[index == k], (5, 50, 95)) for k in full]).reshape(-1, 3)
     return (places[full], *quantiles.T)
@@ -143,7 +145,8 @@ def by_load(columns: list[dict]) -> go.Figure | None:
             found.setdefault(match[1], []).append((float(match[2]), row))
     if not any(len(rows) > 1 for rows in found.values()):
         return None
-    plot, most = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)"), []
+    plot = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)")
+    most = []
     for k, (model, rows) in enumerate(found.items()):
         loads = np.array([load for load, _ in rows])
         low, middle, high = (
@@ -269,7 +272,8 @@ def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     along = columns[axes[0].name]
     up = columns[axes[1].name]
     outcome = columns[name]
-    first, second = np.unique(along), np.unique(up)
+    first = np.unique(along)
+    second = np.unique(up)
     cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
     plot = style.figure(400, *(axis_label(axis) for axis in axes[:2]))
     plot.add_heatmap(

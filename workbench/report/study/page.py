@@ -78,7 +78,8 @@ def _outcome(study_run, found):
     axes = study_run.study.vary.parameter
     name = found["outcome"]
     columns = tables.columns(study_run.path, [name, *(axis.name for axis in axes)])
-    values, said = columns[name], column_label(name)
+    values = columns[name]
+    said = column_label(name)
     if found["not_done"]:
         lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
         yield note("Some runs failed", lines)
@@ -210,7 +211,8 @@ def _table(found):
 
 
 def _made(study_run, found):
-    study, work = study_run.study, found["work"]
+    study = study_run.study
+    work = found["work"]
     took = f"{work['seconds_of_runs']:.1f} s of runs in {work['seconds']:.1f} s"
     spent = f"{took} on {counted(work['workers'], 'worker')}"
     axes = [
