@@ -46,7 +46,7 @@ def test_beyond_the_visited_angles_a_curve_is_constant():
 
 def sigma_beyond(curve, coefficients, angle, recorded=None):
     """(n,) 1 sigma of a curve of joint 2 at angles (n,)."""
-    state = SimpleNamespace(variables=np.stack([np.zeros(len(angle)), angle]))
+    state = SimpleNamespace(drive_angles=np.stack([np.zeros(len(angle)), angle]))
     return curve.extrapolation(coefficients, state, recorded)[0]
 
 

@@ -86,7 +86,7 @@ def test_balls_that_are_not_as_far_apart_as_stated_are_named():
 )
 def test_the_noise_of_a_sensor_is_compared_with_what_a_diagnosis_leaves(source):
     """The table lists this noise: a verdict that none is known would contradict it."""
-    held_out = {"after_px": 0.05, "noise_px": 0.01, "noise_from": source}
+    held_out = {"after_px": 0.05, "expected_px": 0.01, "noise_px": 0.01, "noise_from": source}
     answer = {"held_out": held_out, "effects": []}
     made = SimpleNamespace(unit="px", views=None, verdict="unexplained", as_json=lambda: answer)
     verdict = check_diagnosis(made, None).verdict

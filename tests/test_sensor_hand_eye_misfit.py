@@ -84,7 +84,13 @@ def test_what_images_share_is_named_and_said_to_be_in_the_sigma(runs, what, name
         assert camera.shared.significant and camera.remarks
         assert named in found.misfit.errors.names and "includes it" in found.misfit.sentence
         run = SimpleNamespace(
-            made=found, calibration=None, board=None, names=(), review=None, camera_trust=None
+            made=found,
+            calibration=None,
+            board=None,
+            names=(),
+            review=None,
+            camera_trust=None,
+            free=None,
         )
         assert found.misfit.sentence in handeye_warnings(run)
 
@@ -102,7 +108,13 @@ def test_shared_errors_far_below_those_of_the_robot_are_a_note(seed):
         views.append(View(f"{k}.png", str(k), view.index, pixels, CAMERA.size, sigma))
     found = hand_eye_from_views(views, BOARD, CAMERA, flange)
     run = SimpleNamespace(
-        made=found, calibration=None, board=None, names=(), review=None, camera_trust=None
+        made=found,
+        calibration=None,
+        board=None,
+        names=(),
+        review=None,
+        camera_trust=None,
+        free=None,
     )
     assert found.misfit.significant and found.misfit.note in found.notes
     assert not any("displaced" in warning for warning in handeye_warnings(run))

@@ -69,7 +69,7 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
     else:
         above = None if noise is None else noise.is_above
         expected = _expected(noise, held_out, unit)
-    if expected is not None:
+    if expected is not None and held_out[f"noise_{unit}"]:  # repeats may be identical
         grown = held_out[f"expected_{unit}"] / held_out[f"noise_{unit}"]
         expected = replace(expected, expected=expected.value * grown)
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
