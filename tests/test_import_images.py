@@ -135,3 +135,33 @@ def test_an_image_that_cannot_be_read_is_named_with_a_remedy(hand_eye, tmp_path,
         import_recording([images, table], tmp_path / "out", ImportOptions(board=dict(truth.board)))
     assert str(refusal.value).startswith(f"{path.name}: ")
     assert "remove it and its row" in str(refusal.value)
+
+
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+MISTAKES = {
+    "looks mirrored, left-handed": lambda poses: MIRROR @ poses @ MIRROR,
+    "the sign of column Y looks reversed": lambda poses: poses * _row_signs(1),
+    "shifted by one row: each image has the pose of the image before": lambda p: np.roll(p, 1, 0),
+}
+
+
+def _row_signs(axis):
+    signs = np.ones((4, 4))
+    signs[axis, 3] = -1.0
+    return signs
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_a_mistake_of_all_poses_is_named_with_the_columns_of_the_table(hand_eye, tmp_path, words):
+    folder, truth = hand_eye
+    images = [row["image"].rpartition("/")[2] for row in truth.images]
+    rows = [
+        (*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat(), image)
+        for pose, image in zip(MISTAKES[words](truth.flange), images)
+    ]
+    columns = ["X", "Y", "Z", "qx", "qy", "qz", "qw", "image"]
+    path = write_rows(tmp_path / "p.csv", columns, rows)
+    with pytest.raises(InputError, match=words):
+        import_recording(
+            [folder / "images", path], tmp_path / "out", ImportOptions(board=truth.board)
+        )

@@ -2,9 +2,9 @@
 
 The scatter of the estimated board pose is compared with what the corner noise alone makes of it. Where it is larger,
 alternatives are fitted: every frequent mistake undone, images assigned to other poses, a free scale of the flange
-positions, and a sensor or a board that moved between two images. A cause is named only where its alternative fits
-near the noise, several times better than the recorded data, and better than the number of alternatives tried makes
-likely by chance.
+positions, poses of another moment than the images, and a sensor or a board that moved between two images. A cause is
+named only where its alternative fits near the noise, several times better than the recorded data, and better than the
+number of alternatives tried makes likely by chance.
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,6 +26,7 @@ from sensors.hand_eye.checks.corner_noise import CornerNoise
 from sensors.hand_eye.checks.mistakes import Reading
 from sensors.hand_eye.checks.pose_data import PoseData, PoseFit
 from sensors.hand_eye.checks.pose_fit import fit_poses
+from sensors.hand_eye.checks.time_lag import lag_alternatives
 from workbench.core.rigid import inverse, rotation_vector
 
 # mm, and a share of the distance from flange to board: what an arm that was never calibrated is off by.
@@ -115,6 +116,7 @@ def review(
     if result.scatter_mm > _NOISY * result.expected_mm:
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
+        fitted += lag_alternatives(data, recorded, named.kind)
     best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
         result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))

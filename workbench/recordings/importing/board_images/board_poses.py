@@ -100,7 +100,7 @@ def import_images(found, options, folder: Path, progress) -> Made:
         compared = compare_readings(readings, views, kind)
         if not (compared and compared[0][1].is_good):
             _refuse_other_order(rows, mapping, views, kind)
-        probable = [readings[place] for place, _ in compared]
+        probable = {place: readings[place] for place, _ in compared}
         named = likely_mistake(probable, views, kind, rows)
         raise problem if named is None else InputError(named) from None
     chosen = next(poses for _, candidate, poses in readings if candidate is mapping)

@@ -1,19 +1,24 @@
 """Rows of a pose table that do not fit their images: gross errors, exchanged rows, and other mistakes of the poses."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from datasets.columns import FLANGE
 from datasets.importers.source import RawTable
+from sensors.hand_eye.checks.mistakes import Reading, pose_readings
 from sensors.hand_eye.checks.outlier_message import outlier_sentence
 from sensors.hand_eye.checks.review import UNEXPLAINED, Review
 from workbench.core.errors import InputError
 
 _OPEN = (UNEXPLAINED, "scale")
 """Causes that name no mistake while the unit of the positions is open."""
-_MOST_READINGS = 4
-"""Readings that are searched for exchanged rows; more differ in units and conventions only."""
+_OF_ROWS = ("shifted", "reversed")
+_OF_FRAMES = ("mirrored", "position-sign", "position-order")
+_MOST_READINGS = 8
+"""Readings that are searched for mistakes of the poses; more differ in units only."""
+_CLOSE = 1.5
 
 
 def pose_warnings(poses: np.ndarray, views, kind: str, rows: RawTable) -> tuple[str, ...]:
@@ -32,32 +37,70 @@ def pose_warnings(poses: np.ndarray, views, kind: str, rows: RawTable) -> tuple[
     return tuple(f"{rows.file}: {sentence}.{some}" for sentence in said)
 
 
-def likely_mistake(readings: Sequence, views, kind: str, rows: RawTable) -> str | None:
+def likely_mistake(readings: Mapping[int, tuple], views, kind: str, rows: RawTable) -> str | None:
     """The mistake that explains why the poses fit under no reading; None where no single one does.
 
-    readings: (title, mapping, poses (n, 4, 4)) of the readings, the most probable first.
+    readings: (title, mapping, poses (n, 4, 4)) by their place in the order of how usual they are; those that fit best
+    first. Among mistakes that explain the poses as well, that of the most usual reading is named.
     """
     found = []
-    for title, _, poses in readings[:_MOST_READINGS]:
-        review = _review(poses, views, kind, rows)
+    for place, (title, mapping, poses) in list(readings.items())[:_MOST_READINGS]:
+        review = _review(poses, views, kind, rows, _untested(mapping, poses, views))
         if review is None:
             continue
-        found += [(title, finding) for finding in review.findings if finding.cause not in _OPEN]
-    certain = [(title, finding) for title, finding in found if finding.certain]
+        found += [
+            (place, title, finding) for finding in review.findings if finding.cause not in _OPEN
+        ]
+    certain = [row for row in found if row[2].certain]
     if not certain:
         return None
-    title, finding = min(certain, key=lambda item: item[1].corrected_mm)
+    least = min(finding.corrected_mm for _, _, finding in certain)
+    close = [row for row in certain if row[2].corrected_mm <= _CLOSE * least]
+    _, title, finding = min(close, key=lambda row: row[0])
     return f"{rows.file}: read as {title}, {_in_table(finding.sentence)}."
 
 
-def _review(poses: np.ndarray, views, kind: str, rows: RawTable) -> Review | None:
-    """Whether poses and images fit each other; None where the images do not determine it."""
+def _untested(mapping, poses: np.ndarray, views) -> tuple[Reading, ...]:
+    """Mistakes of the poses (n, 4, 4) that are no reading of the table, in the words of its columns.
+
+    Signs of position columns, a left-handed frame, position columns in another order, and rows that are shifted or
+    reversed; of joint readings only the latter.
+    """
+    causes = _OF_ROWS if mapping.flange_point is None else (*_OF_ROWS, *_OF_FRAMES)
+    tested = [
+        replace(reading, flange=reading.flange[views.rows])
+        for reading in pose_readings(poses)
+        if reading.cause in causes
+    ]
+    if mapping.flange_point is None:
+        return tuple(tested)
+    names = dict(zip(FLANGE, mapping.flange_point.columns))
+
+    def named(text: str) -> str:
+        for ours, theirs in names.items():
+            text = text.replace(ours, f"column {theirs}")
+        return text
+
+    return tuple(
+        replace(reading, seems=named(reading.seems), do=named(reading.do)) for reading in tested
+    )
+
+
+def _review(
+    poses: np.ndarray, views, kind: str, rows: RawTable, readings: Sequence[Reading] = ()
+) -> Review | None:
+    """Whether poses and images fit each other; None where the images do not determine it.
+
+    readings: other readings of the poses at the tested images, to try.
+    """
     from sensors.hand_eye.images import review_views
 
     names = _row_names(views, rows)
     named = [replace(view, image=name) for view, name in zip(views.found.views, names)]
     try:
-        return review_views(named, views.found.board, views.camera, poses[views.rows], kind, ())
+        return review_views(
+            named, views.found.board, views.camera, poses[views.rows], kind, readings
+        )
     except (InputError, np.linalg.LinAlgError):
         return None
 
