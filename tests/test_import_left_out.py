@@ -11,6 +11,7 @@ from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.left_out import left_out_sentences, unused_rotation_sentences
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.mapping.sets import find_sets
+from datasets.importers.mapping.time_stamps import times_of
 from datasets.importers.source import ImageFile, RawTable
 from datasets.importers.sources.choice import read_sources
 from datasets.importers.sources.text_tables import numbers_from_text
@@ -124,6 +125,16 @@ def test_the_axes_of_a_motoman_do_not_hide_other_words():
     names = [*"SLURBT", "phi", "theta", "psi"]
     found = find_sets(table_of(*names))
     assert {one.names for one in found} == {tuple("SLURBT"), ("phi", "theta", "psi")}
+
+
+def test_the_angles_o_a_t_of_kawasaki_are_a_rotation_and_no_time():
+    """T alone, next to x, y and z, is the time."""
+    names = [*"XYZOAT"]
+    table = RawTable("a.csv", {name: np.linspace(0, 9, 5) for name in names}, np.arange(5))
+    assert {one.names for one in find_sets(table)} == {tuple("XYZ"), tuple("OAT")}
+    assert times_of(table)[0] is None
+    columns = {name: table.columns[name] for name in "XYZT"}
+    assert times_of(RawTable("a.csv", columns, np.arange(5)))[1] == ("T",)
 
 
 @pytest.mark.parametrize(

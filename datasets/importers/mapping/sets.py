@@ -34,6 +34,7 @@ WORD_SETS = {
     "omega": ("omega", "phi", "kappa"),
     "abc": ("a", "b", "c"),
     "wpr": ("w", "p", "r"),
+    "oat": ("o", "a", "t"),
 }
 AXES_OF_SET = {
     "turn": "XYZ",
