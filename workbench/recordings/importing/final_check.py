@@ -4,25 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from datasets.columns import joint_columns
 from datasets.duplicates import first_of_equal_rows
 from datasets.trust import accepted_by_option, naming_option
-from robot_model.chain import forward
 from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
-from workbench.fitting.plausibility.fitting import nominal_scale
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import listed
 from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
 
 _SHIFTED = "rows-shifted"
-_EXTERNAL = ("external-point", "external-pose")
-_LEAST_MM, _MOST_MM = 0.003, 0.03
-_ROUNDING_FACTOR = 1.5
-_MOST_DECIMALS = 6
 _NAMED_ROWS = 12
 
 
@@ -43,10 +36,9 @@ def check_fit(
         compared = compare_readings(robot, [("as mapped", recording)])
         best = compared[0][1] if compared else None
     if best is not None and best.is_good:
-        said = _calculated_points(robot, recording, trust_data)
         far = _far_geometry(robot, recording, trust_data)
         rows = _implausible_rows(robot, recording, of_sample, trust_data)
-        return (*said, *far, *rows, *_copied_rows(whole, lines))
+        return (*far, *rows, *_copied_rows(whole, lines))
     found = check_plausibility(robot, recording)
     if found and all(suspicion.robot_keys for suspicion in found):
         return tuple(suspicion.sentence for suspicion in found)
@@ -129,44 +121,3 @@ def _far_geometry(robot: Robot, recording, trust_data: bool) -> tuple[str, ...]:
     if not trust_data:
         raise InputError(naming_option(found.verdict))
     return (accepted_by_option(found.verdict),)
-
-
-def _calculated_points(robot: Robot, recording, trust_data: bool) -> tuple[str, ...]:
-    """A sentence where the points equal the nominal kinematics: the controller calculated them, nobody measured them.
-
-    The geometry of a real arm differs from its nominal values by far more than rounding does. Raises InputError
-    unless trust_data.
-    """
-    if recording.measures not in _EXTERNAL:
-        return ()
-    limit = min(_MOST_MM, _LEAST_MM + _ROUNDING_FACTOR * _rounding_mm(robot, recording))
-    found = nominal_scale(robot, recording)
-    if found > limit:
-        return ()
-    sentence = (
-        f"The points equal the nominal kinematics of '{robot.name}' within {found:.2g} mm, so that they are most "
-        "likely positions that the controller calculated, and a calibration with them finds no error of the arm; name "
-        "the columns of the instrument under [point] in a mapping file for --map."
-    )
-    if not trust_data:
-        raise InputError(naming_option(sentence))
-    return (accepted_by_option(sentence),)
-
-
-def _rounding_mm(robot: Robot, recording) -> float:
-    """RMS mm that the last digits of joint readings and points explain; an error uniform in a step h has h^2 / 12."""
-    names = joint_columns(recording.columns)
-    angles = [recording.columns[name] for name in names if name.endswith("_deg")]
-    step = np.deg2rad(max((_last_digit(cells) for cells in angles), default=0.0))
-    places = forward(robot, robot.mixing @ recording.joints.T).end_origin
-    lever = np.sqrt((places**2).sum(0).mean())
-    digit = max(_last_digit(axis) for axis in recording.points.T)
-    return float(np.sqrt(len(angles) * (lever * step) ** 2 / 12 + digit**2 / 4))
-
-
-def _last_digit(cells: np.ndarray) -> float:
-    """The largest power of ten, at most 1, of which all cells are multiples; 0 for more than six decimals."""
-    for decimals in range(_MOST_DECIMALS + 1):
-        if np.abs(cells - np.round(cells, decimals)).max() < 1e-9:
-            return 10.0**-decimals
-    return 0.0

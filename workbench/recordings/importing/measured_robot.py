@@ -18,6 +18,7 @@ from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime, limited
 from workbench.core.errors import InputError
 from workbench.recordings.importing.builder import Builder
+from workbench.recordings.importing.calculated_points import calculated_points
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.interpretation import decisions, robot_decision
 from workbench.recordings.importing.interpretation.fits import CandidateFit
@@ -178,7 +179,9 @@ def _finished(decided: DecidedTable, found, options) -> Made:
         speeds = used.speeds(builder, decision.mapping)
         recording = replace(recording, columns={**speeds, **recording.columns})
     lines = builder.table.lines
+    calculated = calculated_points(builder, decision.mapping, recording, options)
     checked = check_fit(builder.robot, recording, decision.fits, options.trust_data, lines)
+    checked = (*calculated, *checked)
     said = (*decided.said, *checked)
     mapping = builder.with_lengths_of_slides(decision.mapping)
     return Made(recording, mapping, decision.fits, said, clocks, checked)

@@ -20,6 +20,7 @@ from datasets.trust import naming_option
 from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing.builder import Builder
+from workbench.recordings.importing.calculated_points import calculated_points
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.interpretation.decisions import Decision
 from workbench.recordings.importing.interpretation.fits import compare_readings
@@ -93,7 +94,9 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
     elif fits and not options.trust_data:
         refuse_changed_units(joined, mapping, None)
         raise InputError(naming_option(_apart(tables, fits[0].words)))
+    calculated = calculated_points(joined, mapping, recording, options)
     checked = check_fit(robot, recording, fits, options.trust_data, table.lines)
+    checked = (*calculated, *checked)
     said = [sentence for part in parts for sentence in part.said]
     part = [part.clocks.sentence for part in parts if part.clocks and part.clocks.is_doubt]
     said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
