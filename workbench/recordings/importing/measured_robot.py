@@ -163,7 +163,7 @@ def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, 
 def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -> DecidedTable:
     """The decision on the complete rows of a table."""
     table, incomplete = complete_rows(table, mapping)
-    keys, decided = _robot_of(candidates, table, mapping, options)
+    keys, decided = _robot_of(candidates, table, mapping, options, progress)
     robot = load_robot(keys, f"--robot {mapping.robot}")
     builder = Builder(table, keys, robot, options)
     decision = _decide(builder, mapping, options, progress)
@@ -261,22 +261,35 @@ def _candidates(named: str, table: RawTable, mapping: Mapping) -> dict[str, Keys
     return candidates
 
 
-def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, options):
+def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, options, progress):
     """Keys of the robot that fits, and a sentence where the data decided the convention of its table."""
     if len(candidates) == 1:
         return next(iter(candidates.values())), ()
 
-    def build_with(title: str):
-        robot = load_robot(candidates[title], title)
-        return robot, Builder(table, candidates[title], robot, options).positions
+    def builder_of(title: str) -> Builder:
+        return Builder(table, candidates[title], load_robot(candidates[title], title), options)
 
-    titles, trust = list(candidates), options.trust_data
-    chosen = robot_decision.decide_convention(
-        mapping, build_with, titles, table.file, options.ask, trust
+    def build_with(title: str):
+        builder = builder_of(title)
+        return builder.robot, builder.positions
+
+    def refuse_changes(title: str):
+        builder = builder_of(title)
+        with _cut_short(progress, "looking for rows that are read in another way"):
+            refuse_shifted_rows(builder, mapping)
+            refuse_changed_units(builder, mapping, None)
+
+    case = robot_decision.ConventionCase(
+        mapping,
+        build_with,
+        list(candidates),
+        table.file,
+        refuse_changes,
+        options.ask,
+        options.trust_data,
     )
-    return candidates[chosen], (
-        f"The convention of the table was open: of the two, {chosen} fits.",
-    )
+    chosen, sentence = robot_decision.decide_convention(case)
+    return candidates[chosen], (sentence,)
 
 
 def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: CandidateFit) -> None:

@@ -46,6 +46,8 @@ _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
 
+_AS_WIDE_AS_THE_ARM = ("external-point", "external-pose", "partial-pose")
+
 REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
     "belong together, or state all units in a mapping file and name it with --map"
@@ -214,8 +216,11 @@ def close_units(case: UnitCase, readings) -> list[int]:
 
 
 def _scale_of_extent(case: UnitCase, mapping: Mapping) -> float:
-    """Logarithm of the ratio between the extents of the measured points and of the flange's places, without sign."""
-    if mapping.point is None:
+    """Logarithm of the ratio between the extents of the measured points and of the flange's places, without sign.
+
+    0 where the points are in the frame of a sensor on the flange: their extent is then that of its field.
+    """
+    if mapping.point is None or mapping.measures not in _AS_WIDE_AS_THE_ARM:
         return 0.0
     recording = case.build(mapping)
     places = forward(case.robot, case.robot.mixing @ recording.joints.T).end_origin
@@ -343,7 +348,13 @@ def compare(
 
 
 def _contradicted_units(case: UnitCase, fits) -> Decision:
-    """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept."""
+    """Units that the headers state and that do not fit: another unit may, and is named; else the misfit is kept.
+
+    No fit of the stated units: the rows are too few to fit the geometry, and say nothing against them.
+    """
+    _, as_stated = next(iter(unit_readings(case.mapping, stated_only=True)))
+    if not fits and np.isfinite(relative_misfit(case.robot, as_stated, case.build)):
+        return Decision(as_stated, ())
     others = list(unit_readings(case.mapping, stated_only=False))
     better = compare(case.robot, others, case.build, is_good_only=True)
     stated = next(iter(unit_readings(case.mapping, stated_only=True)))
