@@ -1,6 +1,7 @@
 """The last check of an import: does the recording fit its robot at all, and if not, which mistake explains it?"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import listed
+from workbench.recordings.importing.interpretation.decisions import ROTATION_REMEDY
 from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
 
 _SHIFTED = "rows-shifted"
@@ -42,6 +44,12 @@ def check_fit(
     found = check_plausibility(robot, recording)
     if found and all(suspicion.robot_keys for suspicion in found):
         return tuple(suspicion.sentence for suspicion in found)
+    if not any(suspicion.certain for suspicion in found):
+        rotations = _wrong_rotations(robot, recording)
+        if rotations and not trust_data:
+            raise InputError(naming_option(rotations))
+        if rotations:
+            return (accepted_by_option(rotations),)
     sentence = found[0].sentence if found else _sentence(robot, best)
     if best is None and not found:
         return (sentence,)
@@ -105,6 +113,20 @@ def _sentence(robot: Robot, best: CandidateFit | None) -> str:
     return (
         f"The recording does not fit '{robot.name}' under any reading of its columns (best {best.words}); check that "
         "the robot is the right one, that joint and measured rows belong together, and the mapping."
+    )
+
+
+def _wrong_rotations(robot: Robot, recording) -> str:
+    """A sentence where the positions of measured poses fit the robot, but not their rotations; "" otherwise."""
+    if recording.measures != "external-pose":
+        return ""
+    positions = replace(recording, measures="external-point")
+    compared = compare_readings(robot, [("positions", positions)])
+    if not compared or not compared[0][1].is_good:
+        return ""
+    return (
+        f"The positions fit '{robot.name}' to {compared[0][1].rms_mm:.2g} mm without the rotations, and not together "
+        f"with them: {ROTATION_REMEDY}."
     )
 
 

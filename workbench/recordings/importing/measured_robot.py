@@ -225,7 +225,9 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
         return decision
     progress("testing rotation conventions on the robot")
     try:
-        turned = decide_rotation(robot, decision.mapping, table, builder.complete, options.ask)
+        turned = decide_rotation(
+            robot, decision.mapping, table, builder.complete, options.ask, is_good
+        )
     except InputError:
         refuse_changed_rotation(builder, decision.mapping, None)
         raise

@@ -53,6 +53,11 @@ REMEDY = (
     "belong together, or state all units in a mapping file and name it with --map"
 )
 
+ROTATION_REMEDY = (
+    "the columns of the rotation are in another frame or convention than the point; convert them, or add measures = "
+    '"external-point" to a mapping file for --map, which imports the positions alone'
+)
+
 Build = Callable[[Mapping], Recording]
 """The recording of a mapping whose units and conventions are complete."""
 
@@ -369,9 +374,10 @@ def _contradicted_units(case: UnitCase, fits) -> Decision:
     return mixed or Decision(stated[1], tuple(fit for _, fit in fits))
 
 
-def decided(readings, fits, where: str, ask: Ask | None, line) -> Decision:
-    """The best reading where the data decide, else the answer to a question."""
-    chosen = choose_reading([line(mapping) for _, mapping in readings], fits, where, ask)
+def decided(readings, fits, where: str, ask: Ask | None, line, remedy: str = REMEDY) -> Decision:
+    """The best reading where the data decide, else the answer to a question; remedy: as of `choose_reading`."""
+    lines = [line(mapping) for _, mapping in readings]
+    chosen = choose_reading(lines, fits, where, ask, remedy)
     ordered = sorted(fits, key=lambda item: item[0] != chosen)
     return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 

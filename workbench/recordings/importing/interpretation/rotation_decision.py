@@ -10,6 +10,8 @@ from datasets.importers.source import RawTable
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.recordings.importing.interpretation.decisions import (
+    REMEDY,
+    ROTATION_REMEDY,
     Build,
     Decision,
     compare,
@@ -24,11 +26,17 @@ from workbench.recordings.importing.interpretation.questions import Ask
 
 
 def decide_rotation(
-    robot: Robot, mapping: Mapping, table: RawTable, build: Build, ask: Ask | None
+    robot: Robot,
+    mapping: Mapping,
+    table: RawTable,
+    build: Build,
+    ask: Ask | None,
+    positions_fit: bool = False,
 ) -> Decision:
     """Convention and unit of the measured rotation by the fit of positions and orientations together.
 
-    build: makes the recording of a complete mapping. Raises InputError as `decide_units`.
+    build: makes the recording of a complete mapping. positions_fit: whether the positions alone fit the robot. Raises
+    InputError as `decide_units`.
     """
     where = f"{table.file}, columns {', '.join(mapping.rotation.columns)}"
     turns = rotation_candidates(mapping.rotation, table)
@@ -51,7 +59,9 @@ def decide_rotation(
             )
     if not any(fit.is_good for _, fit in fits):
         _refuse_other_order(robot, mapping, table, build)
-    return decided(readings, fits, where, ask, _rotation_lines)
+    words = f"the positions fit without the rotations: {ROTATION_REMEDY}"
+    remedy = words if positions_fit else REMEDY
+    return decided(readings, fits, where, ask, _rotation_lines, remedy)
 
 
 def _refuse_other_order(robot: Robot, mapping: Mapping, table: RawTable, build: Build) -> None:
