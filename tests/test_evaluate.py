@@ -17,6 +17,7 @@ from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
 from workbench.jobs.robot.evaluate import evaluate
+from workbench.jobs.robot.evaluate_sentences import refit_sentences
 from workbench.jobs.robot.session_clock import on_session_clock
 
 
@@ -81,6 +82,7 @@ def test_an_instrument_that_was_moved_is_said_and_refitted_on_request(runs):
     fixed = wb.evaluate(runs / "run", str(runs / "moved"), no_report=True)
     assert fixed.error.rms_mm > 100
     assert "has moved since, or errors of the model" in fixed.warnings[0]
+    assert "repeat with --refit base-and-tool" in fixed.verdict.sentence
     refitted = wb.evaluate(runs / "run", str(runs / "moved"), refit="base", no_report=True)
     same = wb.evaluate(runs / "run", str(runs / "second"), refit="base", no_report=True)
     assert refitted.error.rms_mm == pytest.approx(same.error.rms_mm, rel=1e-4)
@@ -291,3 +293,12 @@ def test_the_expected_error_is_that_of_a_right_model(tmp_path, refit):
         verdict = evaluate(read_solution(home / "run"), second, refit).verdict()
         ratios.append(verdict.residual / verdict.noise)
     assert np.mean(np.square(ratios)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_calibration_that_is_worse_than_the_nominal_arm_is_said():
+    rng = np.random.default_rng(3)
+    nominal, refitted = 0.1 * rng.normal(size=(3, 40)), 0.3 * rng.normal(size=(3, 40))
+    (worse,) = refit_sentences(refitted, nominal, fits_better=False)
+    assert "worse than the nominal one" in worse
+    (better,) = refit_sentences(nominal, refitted, fits_better=True)
+    assert better.endswith("repeat with --refit base-and-tool.")

@@ -1,4 +1,4 @@
-"""Tables of a robot whose Denavit-Hartenberg convention nobody states: mistakes and few rows of a simulated arm."""
+"""Tables of a robot whose Denavit-Hartenberg convention is open: mistakes and few rows of a simulated arm."""
 
 import numpy as np
 import pytest

@@ -24,6 +24,7 @@ from workbench.fitting.plausibility.fitting import base_and_tool, tool_patterns
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
 from workbench.jobs.robot.compensation.compensate import covariates_read
 from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
+from workbench.jobs.robot.evaluate_sentences import refit_sentences
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
@@ -200,7 +201,9 @@ class Evaluated:
                 has_noise=False,
             )
             parts.append(judge(angle, None, tolerances, advice))
-        return combine(parts)
+        verdict = combine(parts)
+        notes = refit_sentences(self.refitted, self.nominal, self._fits_better_elsewhere())
+        return replace(verdict, sentence=" ".join((verdict.sentence, *notes)))
 
     def _statistic(self, what: str, share: float) -> str:
         """Name of the error that is judged."""

@@ -74,6 +74,11 @@ class HandEyeRun:
     review: Review | None = None
     camera_trust: Trust | None = None
 
+    @property
+    def stated_radius(self) -> float | None:
+        """Radius of the ball, mm; None for boards, and for measured ball centres, which do not depend on it."""
+        return None if self.recording.measures == "ball-centre" else self.made.radius
+
 
 def calibrate(
     recording: Recording,
@@ -284,7 +289,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
             }
             for name, row in zip(run.names, hand_eye.poses)
         ],
-        "radius_mm": hand_eye.radius,
+        "radius_mm": run.stated_radius,
         "radius_std_mm": hand_eye.std.get("target.radius"),
         **profiler_json(run),
         "camera": None

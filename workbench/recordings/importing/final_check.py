@@ -83,11 +83,13 @@ def _copied_rows(recording, lines: np.ndarray) -> tuple[str, ...]:
     copies = np.flatnonzero(first != np.arange(recording.n))
     if not copies.size:
         return ()
-    pairs = [f"{lines[row]} = {lines[first[row]]}" for row in copies[:_NAMED_ROWS]]
-    more = f" and {len(copies) - _NAMED_ROWS} more" if len(copies) > _NAMED_ROWS else ""
-    what = "1 row is an exact copy" if len(copies) == 1 else f"{len(copies)} rows are exact copies"
+    # a row of the table with several reflectors makes several samples
+    pairs = list(dict.fromkeys(f"{lines[row]} = {lines[first[row]]}" for row in copies))
+    more = f" and {len(pairs) - _NAMED_ROWS} more" if len(pairs) > _NAMED_ROWS else ""
+    what = "1 row is an exact copy" if len(pairs) == 1 else f"{len(pairs)} rows are exact copies"
+    named = ", ".join(pairs[:_NAMED_ROWS])
     return (
-        f"{what} of an earlier row in joint readings and measured values (row {', '.join(pairs)}{more}). A copy is no "
+        f"{what} of an earlier row in joint readings and measured values (row {named}{more}). A copy is no "
         "further measurement and is counted once by calibrate. Remove these rows, or export the measurements again "
         "if they were repeated.",
     )

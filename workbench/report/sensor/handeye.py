@@ -290,7 +290,7 @@ def _transform(run):
     ]
     yield table(["", "value", "σ", "unit"], rows)
     yield from _as_matrix(hand_eye.sensor)
-    if hand_eye.radius is not None:
+    if run.stated_radius is not None:
         std = hand_eye.std.get("target.radius")
         radius = (
             f"{' ± '.join(_valued(hand_eye.radius, std))} mm, fitted"

@@ -40,8 +40,9 @@ def shift_steps(recording) -> tuple[int, ...]:
 
 def place_of_measurement(step: int) -> str:
     """Whose measurement a row holds if its own one is `step` rows below: "the row before" for 1."""
-    count = {1: "the row", 2: "the second row"}.get(abs(step), f"the {abs(step)}th row")
-    return f"{count} {'before' if step > 0 else 'after'}"
+    where = "before" if step > 0 else "after"
+    count = {1: "the row", 2: "the second row"}.get(abs(step), f"the row {abs(step)} rows")
+    return f"{count} {where}"
 
 
 def _rows_per_pose(recording) -> int:

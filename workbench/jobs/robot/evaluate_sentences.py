@@ -1,0 +1,29 @@
+"""What the errors with base and tool estimated on a recording say about a calibration, as sentences of a verdict."""
+
+import numpy as np
+
+from workbench.fitting.cross_validation import error_summary
+
+_WORSE = 1.25
+"""Ratio of the errors of the calibrated and the nominal arm up to which the difference does not matter."""
+
+
+def refit_sentences(
+    refitted: np.ndarray, nominal: np.ndarray, fits_better: bool
+) -> tuple[str, ...]:
+    """Sentences on residuals (m, n) of the calibrated and the nominal arm, base and tool estimated for both.
+
+    fits_better: whether base and tool of the calibration were used, and others explain the recording better.
+    """
+    ours, theirs = (error_summary(residual)["rms_mm"] for residual in (refitted, nominal))
+    sentences = []
+    if fits_better:
+        sentences.append(
+            f"With base and tool estimated on this recording it is {ours:.3g} mm: repeat with --refit base-and-tool."
+        )
+    if ours > _WORSE * theirs:
+        sentences.append(
+            f"The calibrated arm is worse than the nominal one here ({ours:.3g} mm against {theirs:.3g} mm with base "
+            "and tool estimated on this recording): do not use the calibration in these poses."
+        )
+    return tuple(sentences)
