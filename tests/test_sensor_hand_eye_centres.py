@@ -12,6 +12,7 @@ from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
 from workbench.jobs.sensor import hand_eye
+from workbench.recordings.importing import ImportOptions, import_recording
 
 RADIUS, BALL = 20.0, np.array([600.0, 120.0, 40.0])
 HAND_EYE = transform(
@@ -138,3 +139,16 @@ def test_ball_centres_with_flange_poses_and_no_joints_give_the_hand_eye(tmp_path
     std = np.concatenate([made["hand_eye"]["std_mm"], np.deg2rad(made["hand_eye"]["std_deg"])])
     assert (np.abs(error(np.array(made["hand_eye"]["matrix"]))) < 4 * std).all()
     assert made["verdict"]["sentence"]
+    assert made["radius_mm"] is None  # the centres do not depend on it
+
+
+def test_a_table_of_flange_poses_and_centres_says_what_handeye_takes(tmp_path):
+    flange = poses(9, 5)
+    turns = Rotation.from_matrix(flange[:, :3, :3]).as_quat()
+    rows = np.column_stack([flange[:, :3, 3], turns, centres(flange, 5).T])
+    header = [*(f"flange_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))]
+    header += ["ball_x", "ball_y", "ball_z"]
+    lines = [",".join(header), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match="ball-centre with the flange poses.*workbench handeye"):
+        import_recording([tmp_path / "t.csv"], tmp_path / "out", ImportOptions(robot="ur10"))

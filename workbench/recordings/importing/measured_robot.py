@@ -43,6 +43,11 @@ _FIXED_ROWS = (
     " A row of the Denavit-Hartenberg table that moves with no joint, such as the flange's, needs the word fixed in a "
     "column type, and the theta of a joint needs its variable (q6) where those of the others have theirs."
 )
+_HAND_EYE = (
+    " A hand-eye calibration needs no joint readings: this command reads images of a board, or profiles or clouds of a "
+    "ball, with flange poses. For measured centres of a ball write a recording of kind ball-centre with the flange "
+    "poses by hand; `workbench handeye` then calibrates it. Tables of measured poses of a marker are not read."
+)
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
 
@@ -377,6 +382,7 @@ def _without_joints(table: RawTable, mapping: Mapping) -> str:
         return (
             f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
             f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
+            f"{_HAND_EYE}"
         )
     return (
         f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
