@@ -1,6 +1,7 @@
 """Noise that is correlated from pose to pose is no structure, and a drift is no such noise."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from workbench.diagnosis.validation.correlated_noise import (
     reject_explained_by_correlated_noise,
     with_correlated_noise,
 )
-from workbench.diagnosis.validation.terms import Term
+from workbench.diagnosis.validation.terms import Proof, Term
+from workbench.explanation.answer import diagnose
+from workbench.explanation.final_model import FinalModel
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.statements import statement
 
@@ -101,6 +104,67 @@ def test_a_step_is_refused_only_where_noise_next_to_it_is_correlated():
     assert (len(kept), len(refused)) == (1, 0)
     kept, refused = reject_explained_by_correlated_noise(bench(5, 0.8, n=60), [term])
     assert (len(kept), len(refused)) == (0, 1)
+
+
+def walk(seed, n=60):
+    """A recording whose measured points follow a random walk, beyond their independent noise."""
+    made = recorded(seed, n=n)
+    steps = np.random.default_rng(seed).normal(0, 3 * SIGMA, (3, n)).cumsum(1)
+    columns = {f"{axis}_mm": made.columns[f"{axis}_mm"] + row for axis, row in zip("xyz", steps)}
+    return bench_of(replace(made, columns=dict(made.columns) | columns))
+
+
+STEP = CATALOGUE["shift"]("base", 20.0 * 21.5)
+
+
+def rejected(made) -> list[str]:
+    """Reasons for which the step of the base is no term."""
+    term = Term(Finding("shift", "base", "once", (STEP,), 1e-6, 0.9, 1.0, 30.0))
+    return [one.reason for one in reject_explained_by_correlated_noise(made, [term])[1]]
+
+
+def test_a_step_stays_next_to_noise_that_is_less_correlated():
+    made = bench(2, 0.5, n=60, effects=[STEP], values=[60 * SIGMA, 0, 0, 0, 0, 0])
+    whole = made.problem((STEP,), hypotheses=False)
+    values = [serial_correlation(whole.conditional_on(kept)).value for kept in ([], None)]
+    assert values[0] > 0.8 and values[1] < 0.6
+    assert rejected(made) == []
+
+
+def test_a_random_walk_is_no_step():
+    assert all("correlated from pose to pose" in rejected(walk(seed))[0] for seed in (0, 2, 3))
+
+
+@pytest.mark.parametrize(("stated", "verdict"), [(1.0, "consistent"), (0.3, "unexplained")])
+def test_what_is_above_the_stated_noise_is_not_explained_by_its_correlation(stated, verdict):
+    made = replace(correlated(3, 0.7), sigma_mm=stated * SIGMA)
+    answer = diagnose(made)
+    assert answer.verdict == verdict
+    assert (answer.correlation is None) == (verdict == "unexplained")
+
+
+def test_correlated_noise_of_unknown_size_asks_for_repeats():
+    answer = diagnose(replace(correlated(3, 0.7), sigma_mm=None))
+    assert answer.correlation is not None
+    assert answer.experiment.sentence.startswith("Measure some poses again at other times")
+
+
+def test_noise_of_replicates_is_that_of_the_final_model():
+    """Steps between the repeats of a pose, found in the noise and refused, take nothing off the noise."""
+    made = bench_of(recorded(1, n=90, repeats=3))
+    steps = [CATALOGUE["zero-shift"](f"joint-{k}", 20.0 * (15 * k + 0.5)) for k in range(1, 6)]
+    before = made.problem((), hypotheses=False)
+    after = made.problem(steps, hypotheses=False).conditional_on()
+    found = SimpleNamespace(
+        before=before, after=after, outliers=np.zeros(90, bool), noise_findings=()
+    )
+    refused = FinalModel(made, found, "mm").noise
+    final = FinalModel(made, found, "mm", ())
+    proof = Proof(1.0, 1.0, 1.0, 0.0, 5, *refused, np.ones((2, 90)), np.arange(90) // 18)
+    points = np.stack([made.recording.columns[f"{axis}_mm"] for axis in "xyz"])
+    spread = points.reshape(3, 30, 3).var(2, ddof=1).mean()
+    assert refused[0] < final.noise[0]
+    assert final.with_noise(proof).noise == pytest.approx(np.sqrt(3 * spread), rel=1e-3)
 
 
 def test_places_of_a_function_of_the_angle_between_them_are_equivalent():

@@ -32,7 +32,12 @@ from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.noise.heavy_tails import heavy_tails
 from workbench.explanation.noise.noise_terms import noise_terms
-from workbench.explanation.planning.experiment import missing_of, next_experiment
+from workbench.explanation.planning.experiment import (
+    CORRELATED,
+    Experiment,
+    missing_of,
+    next_experiment,
+)
 from workbench.explanation.plausible_values import implausible_values
 from workbench.explanation.result import (
     UNEXPLAINED,
@@ -161,7 +166,7 @@ def _whole(
     noise = FinalModel(bench, found, bench.unit).noise
     terms, refused, proved = _proved(bench, found, noise, say, jobs)
     last, correlation = _final_model(bench, found, terms)
-    found, proved = last.found, last.with_variance_factors(proved)
+    found, proved = last.found, last.with_noise(proved)
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *image_terms(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
@@ -186,7 +191,7 @@ def _whole(
         remainder=found.remainder,
         proof=replace(proved, lack=last.lack()),
         visible=visible,
-        experiment=_experiment(bench, found, terms, refused),
+        experiment=_experiment(bench, last, terms, refused, correlation),
         found=found,
         views=last.views(),
         shares=shares,
@@ -210,11 +215,13 @@ def _unknowns(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     return tuple(_with_equivalent_places(last.bench, term) for term in unknowns)
 
 
-def _experiment(bench: Bench, found: Found, terms, refused):
+def _experiment(bench: Bench, last: FinalModel, terms, refused, correlation):
     """Plan the recording that separates what is still in doubt."""
+    if correlation is not None and not terms and last.is_noise_unknown:
+        return Experiment(CORRELATED)
     certain = [e for t in terms if t.is_certain for e in t.finding.effects]
     known = bench.problem(certain, tested_samples(bench))
-    return next_experiment(bench, terms, known, found.p_first, refused)
+    return next_experiment(bench, terms, known, last.found.p_first, refused)
 
 
 def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
@@ -229,8 +236,13 @@ def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
 
 
 def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:
-    """The final model, what is left judged under the correlation of its noise, and this correlation."""
+    """The final model, what is left judged under the correlation of its noise, and this correlation.
+
+    What is left above the noise that is stated or that replicates show is no noise, however it is correlated.
+    """
     last = FinalModel(bench, found, bench.unit, terms)
+    if _is_above_noise(last, terms):
+        return last, None
     effects = [e for term in terms for e in term.finding.effects]
     fresh, correlation = with_correlated_noise(bench, found, effects, last.after)
     return FinalModel(bench, fresh, bench.unit, terms), correlation

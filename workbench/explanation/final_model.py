@@ -32,6 +32,7 @@ class FinalModel:
 
     @property
     def noise(self) -> tuple[float, str]:
+        """RMS distance (mm, px) that the instrument leaves, and how it is known."""
         inliers = ~self.found.outliers
         if self.bench.chain is None:
             return self.bench.noise(inliers)
@@ -50,6 +51,11 @@ class FinalModel:
         return noise, source + WITH_ROUNDING * (source == AS_STATED)
 
     @property
+    def is_noise_unknown(self) -> bool:
+        """Whether neither the recording nor replicates say how large the noise is."""
+        return self.noise[1] == replicates.UNKNOWN
+
+    @property
     def has_rounding(self) -> bool:
         """Whether rounded readings were found: their errors have directions of their own, as noise of angles has."""
         return any(finding.effect == ReadingLattice.effect for finding in self.found.noise_findings)
@@ -61,11 +67,17 @@ class FinalModel:
         squares = rounding_variance(self.before) * unwhitened(self.before) ** 2
         return np.sqrt(squares).reshape(-1, self.before.n)
 
-    def with_variance_factors(self, proof: Proof) -> Proof:
-        """The proof with what the uncertainty of the parameters adds to the noise in its held-out errors."""
+    def with_noise(self, proof: Proof) -> Proof:
+        """The proof with the noise of replicates, and what the uncertainty of the parameters adds to the noise.
+
+        Replicates by the final model: terms that were refused may follow the noise of single repeats.
+        """
         inliers = ~self.found.outliers
-        before, after = (variance_factor(p, proof.fold, inliers) for p in (self.before, self.after))
-        return replace(proof, variance_factors=(before, after))
+        factors = tuple(variance_factor(p, proof.fold, inliers) for p in (self.before, self.after))
+        noise, source = self.noise
+        if source == replicates.FROM_REPLICATES:
+            proof = replace(proof, noise=noise)
+        return replace(proof, variance_factors=factors)
 
     def stated_noise(self) -> stated_noise.StatedNoise | None:
         """Residuals of the final model over the stated sigma; None where none is stated."""

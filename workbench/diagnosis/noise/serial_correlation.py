@@ -19,6 +19,8 @@ _MOST_POSES = 600  # of more, as many one after another
 _LARGEST = (
     0.9  # beyond which correlated noise is a random walk and not distinguishable from a drift
 )
+_GRID = (*np.linspace(0.0, 0.9, 10), 0.95, 0.98, 0.99)
+"""Correlations that are compared with a term: up to that of a random walk, which is no step either."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,25 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
     return SerialCorrelation(value, float(np.sqrt((1 - value**2) / likelihood.degrees)), p)
 
 
+def prefers_term(without: Problem, with_term: Problem) -> bool:
+    """Whether a term and the correlation that remains next to it are likelier than the correlation alone.
+
+    A step makes what it leaves unexplained correlated, so that the correlation is estimated in both models: maximum
+    likelihood of a first-order autoregression, a random walk at most, compared by the Bayesian information criterion
+    (Schwarz, Ann. Stat. 6 (1978) 461), in which the instant of the term counts as one more number. Problems of the same
+    samples, with the term in the residual of the first and in the basis of the second.
+    """
+    residual = without.orthogonalise(without.residual)
+    y = _by_pose(without, residual[:, None])
+    fits = []
+    for problem in (without, with_term):
+        basis = _by_pose(problem, problem.full_basis)
+        fits.append(_Restricted.of(y, basis, degree=None))
+    logs = [max(fit.profile_log(value) for value in _GRID) for fit in fits]
+    numbers = 1 + fits[0].degrees - fits[1].degrees
+    return logs[1] - logs[0] > 0.5 * numbers * np.log(y.size)
+
+
 @dataclass(frozen=True)
 class _Restricted:
     """Likelihood of a correlation for y (poses, coordinates) next to columns X (poses, coordinates, K)."""
@@ -71,10 +92,12 @@ class _Restricted:
     columns: np.ndarray
 
     @classmethod
-    def of(cls, y: np.ndarray, basis: np.ndarray) -> "_Restricted":
-        """Next to a basis and polynomials of every coordinate, without those that the basis makes."""
+    def of(cls, y: np.ndarray, basis: np.ndarray, degree: int | None = _DEGREE) -> "_Restricted":
+        """Next to a basis and polynomials of every coordinate up to a degree, without those that the basis makes."""
         poses, coordinates = y.shape[:2]
-        slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, poses), _DEGREE)
+        slow = np.ones((poses, 0))
+        if degree is not None:
+            slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, poses), degree)
         trends = np.einsum("pd,ce->pcde", slow, np.eye(coordinates)).reshape(y.size, -1)
         vectors, sizes, _ = np.linalg.svd(basis.reshape(y.size, -1), full_matrices=False)
         known = vectors[:, sizes > NEGLIGIBLE_SHARE * sizes.max(initial=0.0)]
@@ -89,12 +112,22 @@ class _Restricted:
 
     def log(self, value: float) -> float:
         """Restricted log likelihood, the variance at its best; first-order autoregression, stationary at the start."""
+        squares, triangle = self._left(value)
+        spread = self.degrees * np.log(squares)
+        mixing = 2 * np.log(np.abs(np.diag(triangle))).sum()
+        return -0.5 * (spread + mixing - self.y.shape[1] * np.log(1 - value**2))
+
+    def profile_log(self, value: float) -> float:
+        """Log likelihood, columns and variance at their best: unlike the restricted one, comparable between columns."""
+        squares, _ = self._left(value)
+        return -0.5 * (self.y.size * np.log(squares) - self.y.shape[1] * np.log(1 - value**2))
+
+    def _left(self, value: float) -> tuple[float, np.ndarray]:
+        """Sum of squares of the innovations that the columns leave, and the triangle R of the columns' innovations."""
         y, columns = (self._innovations(rows, value) for rows in (self.y, self.columns))
         orthonormal, triangle = np.linalg.qr(columns.reshape(y.size, -1))
         residual = y.ravel() - orthonormal @ (orthonormal.T @ y.ravel())
-        spread = self.degrees * np.log(float(residual @ residual))
-        mixing = 2 * np.log(np.abs(np.diag(triangle))).sum()
-        return -0.5 * (spread + mixing - self.y.shape[1] * np.log(1 - value**2))
+        return float(residual @ residual), triangle
 
     @staticmethod
     def _innovations(rows: np.ndarray, value: float) -> np.ndarray:

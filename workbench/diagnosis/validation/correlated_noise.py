@@ -7,7 +7,11 @@ from workbench.core.effect import Effect
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.hypotheses import family_wise, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Bench, Found, Problem
-from workbench.diagnosis.noise.serial_correlation import SerialCorrelation, serial_correlation
+from workbench.diagnosis.noise.serial_correlation import (
+    SerialCorrelation,
+    prefers_term,
+    serial_correlation,
+)
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.terms import Term
@@ -19,8 +23,8 @@ def reject_explained_by_correlated_noise(
     """The terms, and refused those that read the time and that correlated noise explains as well.
 
     Whether anything is missing without such a term, with the correlation of what is left there next to slow
-    polynomials: a drift is none, and what varies with the poses is not judged here. Where nothing correlated is left
-    next to the term, there is no such noise: a step that is missing is itself correlated from pose to pose.
+    polynomials: a drift is none, and what varies with the poses is not judged here. A term that explains most of this
+    correlation stays, see `prefers_term`.
     """
     retained, refused = list(terms), []
     if bench.chain is None:
@@ -31,10 +35,10 @@ def reject_explained_by_correlated_noise(
         effects = [e for other in retained for e in other.finding.effects]
         effects_of_term = {id(e) for e in term.finding.effects}
         others = [i for i, e in enumerate(effects) if id(e) not in effects_of_term]
-        complete = bench.problem(effects, tested_samples(bench))
-        problem = complete.conditional_on(others)
+        whole = bench.problem(effects, tested_samples(bench))
+        problem = whole.conditional_on(others)
         noise = serial_correlation(problem)
-        if noise is None or serial_correlation(complete.conditional_on()) is None:
+        if noise is None or prefers_term(problem, whole.conditional_on()):
             continue
         if _chance(problem, noise) >= UNMODELLED_LEVEL:
             reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"

@@ -6,6 +6,8 @@ from workbench.core.distributions import fisher
 from workbench.fitting.verdicts.verdict import AS_STATED
 
 LEAST_REPEATS = 10
+FROM_REPLICATES = "from replicates"
+UNKNOWN = "not stated: at most what remains"
 
 
 def replicates(pose: np.ndarray, index: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, int]:
@@ -26,12 +28,10 @@ def noise(
     group, free = replicates(pose, index, residual)
     if free >= LEAST_REPEATS * len(residual):
         within = sum(float(((row - _means(row, group)) ** 2).sum()) for row in residual)
-        return float(np.sqrt(len(residual) * within / free)), "from replicates"
+        return float(np.sqrt(len(residual) * within / free)), FROM_REPLICATES
     if sigma is not None:
         return float(np.sqrt(len(residual)) * sigma), AS_STATED
-    return float(
-        np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))
-    ), "not stated: at most what remains"
+    return float(np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))), UNKNOWN
 
 
 def _means(row, group):
@@ -62,4 +62,4 @@ def lack_of_fit(pose, index, residual: np.ndarray, rank: int) -> dict | None:
     }
 
 
-__all__ = ["LEAST_REPEATS", "lack_of_fit", "noise", "replicates"]
+__all__ = ["FROM_REPLICATES", "LEAST_REPEATS", "UNKNOWN", "lack_of_fit", "noise", "replicates"]

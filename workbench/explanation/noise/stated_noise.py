@@ -13,7 +13,7 @@ import numpy as np
 from workbench.core.distributions import chi2, fisher, student
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.diagnosis.linear.problem import Finding
-from workbench.explanation.noise.replicates import LEAST_REPEATS, replicates
+from workbench.explanation.noise.replicates import FROM_REPLICATES, LEAST_REPEATS, replicates
 
 EFFECT = "stated-noise"
 WHERE = "noise"
@@ -21,7 +21,6 @@ RELEVANT = 1.25
 """Ratio of standard deviations from which on a wrong statement matters: noise is seldom known better."""
 _EXCESS = 1.1  # from which on a residual is above the noise, which is hardly ever known to a tenth
 _QUANTILES = (0.5, 0.9)
-FROM_REPLICATES = "from replicates"
 FROM_RESIDUALS = "from residuals"
 
 

@@ -62,6 +62,11 @@ CLEAN = (
     "detectable bias of each effect."
 )
 
+CORRELATED = (
+    "Measure some poses again at other times, in random order, or state sigma_mm: what is left is correlated from pose "
+    "to pose, and without repeats nothing distinguishes slow noise from an effect that the catalogue does not describe."
+)
+
 
 @dataclass(frozen=True)
 class ConfoundedPair:
