@@ -8,6 +8,7 @@ from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensation.compensate import actual_poses, nominal_poses
 
 _POSES = 200
+_MOST = 3.0  # times the usual limits, whatever is confirmed: a person then states a limit
 _MARGIN = 1.5  # of corrections at targets over those at random poses, and of their RMS over that of measured errors
 
 
@@ -16,7 +17,7 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
 
     10 mm and 1 deg, or the largest correction in the recorded ranges of the readings with a margin, where the
     measurements confirm it: the error of the nominal arm was measured, and it is as large as the model makes it once
-    base and tool are fitted, as they were for the nominal arm.
+    base and tool are fitted, as they were for the nominal arm. Never above 30 mm and 3 deg.
     """
     measured_mm = (arm.keys.get("nominal") or {}).get("rms_mm")
     readings = _recorded_readings(arm)
@@ -29,8 +30,8 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
         return LARGEST_MM, LARGEST_DEG
     position, rotation = pose_sizes(pose_difference(actual, nominal))
     return (
-        max(LARGEST_MM, _MARGIN * float(position.max())),
-        max(LARGEST_DEG, _MARGIN * float(rotation.max())),
+        float(np.clip(_MARGIN * position.max(), LARGEST_MM, _MOST * LARGEST_MM)),
+        float(np.clip(_MARGIN * rotation.max(), LARGEST_DEG, _MOST * LARGEST_DEG)),
     )
 
 
