@@ -48,3 +48,24 @@ def test_images_of_two_zooms_make_no_trustworthy_camera():
     wrong = calibrate_camera(mixed, found.board, found.size, folds=0)
     assert "not trustworthy" in " ".join(sensor_verdict.camera_warnings(wrong))
     assert sensor_verdict.camera_verdict(wrong).passed is False
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3], ids=["independent", "shared"])
+def test_only_errors_that_images_share_are_a_part_that_the_model_leaves_out(shift):
+    """Corners err by more than their images tell: independently of one another, or by the same in all images."""
+    found = detect_all(datasets.read(scanner_recording()[0]))
+    random = np.random.default_rng(4)
+    displaced = shift * random.normal(size=(2, found.board.points.shape[1]))
+    views = [
+        replace(
+            view,
+            pixels=view.pixels
+            + random.normal(0, 0.1, view.pixels.shape)
+            + displaced[:, view.index],
+        )
+        for view in found.views
+    ]
+    made = calibrate_camera(views, found.board, found.size, folds=0)
+    sentence = sensor_verdict.camera_verdict(made).sentence
+    assert ("corners err independently" in sentence) == (shift == 0)
+    assert ("the model leaves out a part" in sentence) == (shift != 0)

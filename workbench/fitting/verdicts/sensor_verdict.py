@@ -46,6 +46,10 @@ _POOR_PX, _POOR_SHARE = 1.0, 5e-4
 _WIDE_DEG = 85.0  # field of view from which a lens may be a fisheye
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
+_INDEPENDENT = (
+    "no error that images share is significant, so that corners err independently by more than single images tell; the "
+    "stated uncertainty follows from the residual"
+)
 _LENS = "lens"
 _CAUSES = {
     "lines of the board": "rows or columns of the board are not where they are said to be; measure or replace it",
@@ -69,11 +73,19 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
         - len(calibration.camera.values),
         1,
     )
-    verdict = judge(
-        Residual(value, "px", name, degrees), Noise(noise, _CORNERS), tolerances, _MODEL
-    )
-    is_poor = _is_poor(verdict, math.sqrt(2) * _least_px(calibration))
-    return _refused(verdict) if is_poor else verdict
+    residual = Residual(value, "px", name, degrees)
+    verdict = judge(residual, Noise(noise, _CORNERS), tolerances, _MODEL)
+    if _is_poor(verdict, math.sqrt(2) * _least_px(calibration)):
+        return _refused(verdict)
+    if _err_independently(calibration):
+        return judge(residual, Noise(noise, _CORNERS), tolerances, _INDEPENDENT)
+    return verdict
+
+
+def _err_independently(calibration) -> bool:
+    """Whether no error that many images share is significant: then the residual is noise, whatever its size."""
+    shared = calibration.shared
+    return shared is not None and not shared.significant and calibration.two_cameras is None
 
 
 def camera_warnings(calibration) -> list[str]:
