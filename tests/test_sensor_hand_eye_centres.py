@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 import datasets
 from sensors.hand_eye.centres import Centres, hand_eye_from_centres
 from workbench.commands import cli
+from workbench.commands.data.import_dialogue import next_command
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
 from workbench.jobs.sensor import hand_eye
@@ -142,13 +143,33 @@ def test_ball_centres_with_flange_poses_and_no_joints_give_the_hand_eye(tmp_path
     assert made["radius_mm"] is None  # the centres do not depend on it
 
 
-def test_a_table_of_flange_poses_and_centres_says_what_handeye_takes(tmp_path):
-    flange = poses(9, 5)
+def table_of(path, flange, seen):
+    """A table of flange poses and ball centres in the frame of the sensor."""
     turns = Rotation.from_matrix(flange[:, :3, :3]).as_quat()
-    rows = np.column_stack([flange[:, :3, 3], turns, centres(flange, 5).T])
+    rows = np.column_stack([flange[:, :3, 3], turns, seen.T])
     header = [*(f"flange_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw"))]
     header += ["ball_x", "ball_y", "ball_z"]
     lines = [",".join(header), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
-    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
-    with pytest.raises(InputError, match="ball-centre with the flange poses.*workbench handeye"):
-        import_recording([tmp_path / "t.csv"], tmp_path / "out", ImportOptions(robot="ur10"))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.001])
+def test_a_table_of_flange_poses_and_ball_centres_is_imported_for_handeye(scale, tmp_path):
+    flange = poses(12, 5)
+    seen = centres(flange, 5)
+    path = table_of(tmp_path / "t.csv", flange, scale * seen)
+    made = import_recording([path], tmp_path / "out", ImportOptions())
+    assert made.recording.measures == "ball-centre"
+    assert next_command(made.recording, tmp_path / "out").startswith("workbench handeye")
+    np.testing.assert_allclose(made.recording.points.T, seen, atol=1e-4)
+    run = hand_eye.calibrate(datasets.read(tmp_path / "out"), None, None, lambda text: None)
+    assert np.abs(error(run.made.sensor)[:3]).max() < 0.1
+
+
+def test_points_that_no_hand_eye_transform_keeps_in_place_are_refused(tmp_path):
+    flange = poses(12, 5)
+    seen = np.random.default_rng(1).normal(scale=50, size=(3, 12))
+    path = table_of(tmp_path / "t.csv", flange, seen)
+    with pytest.raises(InputError, match="poses of the flange.*`workbench handeye`"):
+        import_recording([path], tmp_path / "out", ImportOptions(robot="ur10"))

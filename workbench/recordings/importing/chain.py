@@ -20,6 +20,7 @@ from robot_model import builtin_robots
 from workbench.core.errors import InputError
 from workbench.core.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
+from workbench.recordings.importing.ball_scans.centre_tables import import_centres
 from workbench.recordings.importing.ball_scans.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.board_images.board_poses import import_images
 from workbench.recordings.importing.board_images.image_rows import file_link
@@ -182,6 +183,9 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
         raise _without_clouds(found, options.ball_radius_mm)
     if found.source.clouds:
         found = with_ball_centres(found, options, progress)
+    centres = import_centres(found, options, progress)
+    if centres is not None:
+        return found, centres
     if found.sessions:
         return found, import_sessions(found, options, progress)
     return found, import_table(found, options, progress)

@@ -44,9 +44,9 @@ _FIXED_ROWS = (
     "column type, and the theta of a joint needs its variable (q6) where those of the others have theirs."
 )
 _HAND_EYE = (
-    " A hand-eye calibration needs no joint readings: this command reads images of a board, or profiles or clouds of a "
-    "ball, with flange poses. For measured centres of a ball write a recording of kind ball-centre with the flange "
-    "poses by hand; `workbench handeye` then calibrates it. Tables of measured poses of a marker are not read."
+    " A hand-eye calibration with `workbench handeye` needs no joint readings: with flange poses, this command reads "
+    "images of a board, profiles or clouds of a ball, and a table of centres of one fixed ball in the frame of the "
+    "sensor, unless no hand-eye transform keeps the ball in its place. Tables of poses of a marker are not read."
 )
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 

@@ -94,7 +94,7 @@ def _decided(found, rows, scans: Scans, options, progress):
     mapping = replace(found.mapping, measures="ball-surface", joints=None)
     readings = flange_readings(rows, mapping)
     progress(f"testing {len(readings)} readings of the flange poses")
-    fits = _compared(readings, scans)
+    fits = compare_poses(readings, scans)
     lines = [reading_line(interpretation) for _, interpretation, _ in readings]
     chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask, _REMEDY)
     best = dict(fits)[chosen]
@@ -198,7 +198,7 @@ def _circles(profiles, largest):
     return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, names, largest)
 
 
-def _compared(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
+def compare_poses(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
     """Index and fit of the readings, the most probable first.
 
     Where none fits, a few wrong rows may be the reason: the best ones are compared without the rows that fit worst.
