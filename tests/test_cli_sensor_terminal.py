@@ -1,11 +1,13 @@
 """What a person meets at the command line: sentences for wrong images and files, tables that fit, whole JSON."""
 
+import io
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from sensor_recordings import handeye_recording, scanner_recording
 from test_cli_sensor import answers, here, run, runs_elsewhere  # noqa: F401
@@ -150,3 +152,16 @@ def test_a_result_says_the_version_that_made_it():
 
     record = provenance(SimpleNamespace(sha256="", source="", licence="", name="x"))
     assert record["workbench"] == VERSION and record["numpy"] == np.__version__
+
+
+@pytest.mark.parametrize(
+    ("number", "words"), [(0, "0 scans"), (1, "1 scan"), (2, "2 scans"), (2000, "2,000 scans")]
+)
+def test_one_scan_is_singular(number, words):
+    from workbench.commands.shared import sensor_tables
+
+    empty = {"scans": [], "outcome": "", "balls": [], "rejected": [], "acceptance": []}
+    one = {"scan": "a", "points": 0, "outcome": "", "balls": [], "rejected": []}
+    console = Console(width=100, file=io.StringIO())
+    sensor_tables.scan(console, {**empty, "recording": "r", "scans": [one] * number})
+    assert f"r: {words}, 0 points" in console.file.getvalue()

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from workbench.report.sections import Page, Section, facts, image, links, words
-from workbench.report.text import rounded
+from workbench.report.text import counted, rounded
 
 
 def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Page:
@@ -61,8 +61,8 @@ def _chain_figures(rendered: Mapping) -> list[tuple[str, str]]:
     return [
         (
             "images",
-            f"{calibration['camera']['views']} of the board, {len(calibration['planes'])} light planes, "
-            f"{len(sensor['scans'])} scans",
+            f"{calibration['camera']['views']} of the board, {counted(len(calibration['planes']), 'light plane')}, "
+            f"{counted(len(sensor['scans']), 'scan')}",
         ),
         (
             "camera",

@@ -58,7 +58,7 @@ def scanner(console, answer: Mapping) -> None:
     """Camera, planes and mirror; `answer`: the object of `scanner --json`."""
     camera(console, {"recording": answer["recording"], **answer["camera"]})
     title = (
-        f"{len(answer['planes'])} light planes, {answer['stripe_points']:,} stripe points: RMS "
+        f"{_counted(len(answer['planes']), 'light plane')}, {answer['stripe_points']:,} stripe points: RMS "
         f"{number(answer['plane_rms_mm'])} mm from their plane, {number(answer['plane_rms_px'])} px along the scan line"
     )
     planes = answer["planes"]
@@ -99,7 +99,7 @@ def scan(console, answer: Mapping) -> None:
         unlisted += not _noted(outcomes, scan_answer["outcome"], scan_answer["scan"])
     grid(
         console,
-        f"{answer['recording']}: {len(answer['scans'])} scans, {points:,} points",
+        f"{answer['recording']}: {_counted(len(answer['scans']), 'scan')}, {points:,} points",
         head,
         rows,
     )
@@ -153,6 +153,11 @@ def _balls(scan_answer: Mapping) -> list[list]:
         place = [number(other[key], 4) for key in ("x_mm", "y_mm", "z_mm")]
         rows.append([scan_answer["scan"], None, other["points"], *place, None, None, "refused"])
     return rows if scan_answer["balls"] else [*rows, [scan_answer["scan"], *[None] * 7, "no ball"]]
+
+
+def _counted(number_of: int, what: str) -> str:
+    """'1 scan', '2,000 scans'."""
+    return f"{number_of:,} {what}{'' if number_of == 1 else 's'}"
 
 
 def _valued(row: Mapping) -> tuple:
