@@ -22,8 +22,6 @@ _SAME = 0.02
 
 The scale of a family that the data shrink to nothing still changes when its predictions no longer do.
 """
-_MOST_RATIO = 0.8
-"""Ratio of two consecutive changes from which an extrapolation assumes no slower convergence."""
 _LEAST, _MOST = (
     1e-3,
     30.0,
@@ -100,12 +98,10 @@ def _scaled(normal, from_null, precision, least, family):
     """(F,) precisions in which those of each family agree and the evidence is largest; the others' stay.
 
     precision: under which `away` solves the normal equations; least (F,): those of the effects' own priors.
-    The rounds converge linearly; every second change is extrapolated (Aitken's delta-squared process).
     """
     right = normal @ from_null + precision * from_null
     precision = precision.copy()
     members = [family == k for k in range(family.max() + 1) if (family == k).any()]
-    last_change = None
     for _ in range(_ROUNDS):
         from_null, variances = posterior_of(normal, precision + 1e-9, right)
         before = precision.copy()
@@ -115,27 +111,14 @@ def _scaled(normal, from_null, precision, least, family):
                 (from_null[mine] ** 2).sum() / max(degrees_used[mine].sum(), 1e-3), _LEAST**2
             )
             precision[mine] = np.maximum(1 / square, least[mine])
-        change = np.log(np.maximum(precision, 1e-12) / np.maximum(before, 1e-12))
-        if all(_is_same(np.abs(change[mine]), degrees_used[mine]) for mine in members):
+        changes = np.abs(np.log(np.maximum(precision, 1e-12) / np.maximum(before, 1e-12)))
+        if all(_is_same(changes[mine], degrees_used[mine]) for mine in members):
             break
-        if last_change is None:
-            last_change = change
-            continue
-        extrapolated = precision * np.exp(_remaining_change(last_change, change))
-        bounded = np.maximum(np.minimum(extrapolated, _LEAST**-2), least)
-        precision = np.where(family >= 0, bounded, precision)
-        last_change = None
     return precision
 
 
-def _remaining_change(last_change: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """(F,) sum of all further changes, if each is the same fraction of the one before; 0 where changes alternate."""
-    ratio = np.clip(change / np.where(last_change == 0, np.inf, last_change), 0.0, _MOST_RATIO)
-    return change * ratio / (1 - ratio)
-
-
 def _is_same(changes: np.ndarray, degrees_used: np.ndarray) -> bool:
-    """Whether changes (K,) of a family's log precision no longer matter; degrees_used (K,): effective parameters."""
+    """Whether changes (K,) of a family's log precision no longer matter; spent (K,): its effective parameters."""
     return bool(changes.max() * min(degrees_used.sum(), 1.0) <= _SAME)
 
 
