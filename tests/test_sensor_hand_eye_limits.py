@@ -278,7 +278,7 @@ def one_axis():
     views = [View("", "", v.index, v.pixels, CAMERA.size, np.ones(35)) for v in views]
     made = hand_eye_from_views(views, grid_board(), CAMERA, flange)
     return HandEyeRun(
-        SimpleNamespace(title="", name="one axis"),
+        SimpleNamespace(title="", name="one axis", measures="board-images"),
         made,
         flange,
         tuple(f"{k}.png" for k in range(12)),

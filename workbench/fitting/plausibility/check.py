@@ -12,7 +12,7 @@ from workbench.fitting.plausibility.change_points import (
     time_order,
 )
 from workbench.fitting.plausibility.coupled_drives import coupled_drives
-from workbench.fitting.plausibility.far_geometry import FAR, far_geometry
+from workbench.fitting.plausibility.far_geometry import CAUSE, FAR, OTHER_ROBOT, far_geometry
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
@@ -40,6 +40,7 @@ _ROWS, _MANY_STEPS = 240, 60
 _GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
 _SIGMA_RATIO = 4.0
 _LEAST_DEGREES = 30
+_OF_GEOMETRY = (CAUSE, OTHER_ROBOT)
 _COMPUTED_MM = (
     1e-9  # no instrument resolves less: smaller residuals are rounding errors of computed values
 )
@@ -111,9 +112,11 @@ def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
         found = explained_suspicions(robot, recording, fit, scale_of_good_fit)
         if found:
             return found
-    return list(_well_fitting(robot, recording, fit, scale_of_good_fit)) or small_mistakes(
-        robot, recording, fit
-    )
+    found = list(_well_fitting(robot, recording, fit, scale_of_good_fit))
+    mistakes = [] if found else small_mistakes(robot, recording, fit)
+    if mistakes or any(one.cause in _OF_GEOMETRY for one in found):
+        return mistakes or found  # a missing coupling or another robot changes lengths, too
+    return [*found, *_judged(dimension_suspicion, robot, recording, fit)]
 
 
 def _converged(robot, recording, fit: Fit) -> Fit:
@@ -159,8 +162,6 @@ def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Sus
     if (far := far_geometry(robot, recording, fit)) is not None:
         yield far.suspicion(recording)
         yield from doubtful_columns(recording, fit, scale_of_good_fit)
-    else:
-        yield from _judged(dimension_suspicion, robot, recording, fit)
 
 
 def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:
