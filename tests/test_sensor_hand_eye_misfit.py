@@ -78,21 +78,18 @@ def test_the_camera_lies_within_its_stated_sigmas(runs, what):
     assert LEAST < np.mean(np.square(pulls)) < 2.5
 
 
+def run_of(found):
+    """What the warnings of a run read, without images, camera and review."""
+    absent = dict.fromkeys(("calibration", "board", "review", "camera_trust", "free"))
+    return SimpleNamespace(made=found, names=(), **absent)
+
+
 @pytest.mark.parametrize(("what", "named"), [("lines", "lines of the board"), ("lens", "lens")])
 def test_what_images_share_is_named_and_said_to_be_in_the_sigma(runs, what, named):
     for camera, found in runs[what]:
         assert camera.shared.significant and camera.remarks
         assert named in found.misfit.errors.names and "includes it" in found.misfit.sentence
-        run = SimpleNamespace(
-            made=found,
-            calibration=None,
-            board=None,
-            names=(),
-            review=None,
-            camera_trust=None,
-            free=None,
-        )
-        assert found.misfit.sentence in handeye_warnings(run)
+        assert found.misfit.sentence in handeye_warnings(run_of(found))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -107,17 +104,8 @@ def test_shared_errors_far_below_those_of_the_robot_are_a_note(seed):
         pixels = view.pixels + random.normal(0, 0.01, view.pixels.shape)
         views.append(View(f"{k}.png", str(k), view.index, pixels, CAMERA.size, sigma))
     found = hand_eye_from_views(views, BOARD, CAMERA, flange)
-    run = SimpleNamespace(
-        made=found,
-        calibration=None,
-        board=None,
-        names=(),
-        review=None,
-        camera_trust=None,
-        free=None,
-    )
     assert found.misfit.significant and found.misfit.note in found.notes
-    assert not any("displaced" in warning for warning in handeye_warnings(run))
+    assert not any("displaced" in warning for warning in handeye_warnings(run_of(found)))
 
 
 def test_sound_images_have_no_such_warning(runs):

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sensors.camera.model import RATIONAL
 from sensors.scanner.misfit import Misfit
 from sensors.stripe.asymmetry import Asymmetry
 from sensors.trust import Trust
@@ -83,9 +84,14 @@ def camera_verdict(calibration, tolerances: Sequence[Tolerance] = ()) -> Verdict
 
 
 def _err_independently(calibration) -> bool:
-    """Whether no error that many images share is significant: then the residual is noise, whatever its size."""
-    shared = calibration.shared
-    return shared is not None and not shared.significant and calibration.two_cameras is None
+    """Whether neither errors that images share nor the focal length of single images are significant.
+
+    The residual is then noise, whatever its size.
+    """
+    shared, focal = calibration.shared, calibration.focal
+    if shared is None or shared.significant or calibration.two_cameras is not None:
+        return False
+    return focal is None or not focal.significant
 
 
 def camera_warnings(calibration) -> list[str]:
@@ -114,9 +120,12 @@ def _unknown_focal_length(calibration) -> list[str]:
     known = [math.isfinite(calibration.std.get(f"camera.{name}", 0.0)) for name in ("fx", "fy")]
     if all(known):
         return []
+    is_rational = len(calibration.camera.values) == RATIONAL
+    fewer = ", or use fewer coefficients (`--model brown`)" if is_rational else ""
     return [
         f"{DOUBT_WORDS}: the focal length is not identifiable from these images (below). Do not use this camera for "
-        "measurements: tilt the board by 20 to 45 degrees, use fewer coefficients (`--model brown`) or other images"
+        "measurements: take images with the board tilted by 20 to 45 degrees both ways, near and far, and over the "
+        f"whole image{fewer}"
     ]
 
 
