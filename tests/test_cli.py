@@ -134,6 +134,11 @@ WRONG_CALLS = {
     "unknown option": (("calibrate", "x", "--bogus"), "--bogus"),
     "folds": (("calibrate", "x", "--folds", "1"), "--folds"),
     "folds no number": (("calibrate", "x", "--folds", "many"), "--folds"),
+    "option twice": (
+        ("evaluate", "x", "y", "--refit", "base", "--refit", "tool"),
+        "expected it once (--refit <none|base|tool|base-and-tool>)",
+    ),
+    "option of a folder twice": (("compensate", "x", "--out", "a", "--out=b"), "--out is given 2"),
     "too many": (("simulate", "a", "b"), "b"),
     "json folder": (("calibrate", "x", "--json", "nowhere/x.json"), "nowhere"),
     "no recording": (("calibrate", "no-such-recording"), "no-such-recording"),
@@ -154,6 +159,12 @@ def test_a_wrong_call_gets_one_sentence_and_status_2(name, workbench, tmp_path):
     assert done.stderr.count("\n") == 1 and done.stderr.endswith(".\n")
     assert names in done.stderr and "Traceback" not in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_and_repeatable_options_may_be_given_twice(workbench):
+    words = "--no-report", "--no-report", "--tolerance", "1mm", "--tolerance", "0.1deg"
+    done = workbench("calibrate", "no-such-recording", *words)
+    assert "neither a folder nor such a name" in done.stderr
 
 
 def test_a_bug_is_called_one_and_its_traceback_kept(monkeypatch, capsys):

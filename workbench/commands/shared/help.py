@@ -1,7 +1,9 @@
-"""Help of the commands: options in groups with the common ones first, and an example.
+"""Commands of the command line: options that may be given once, and help with options in groups and an example.
 
 On a terminal rich draws the groups as panels; elsewhere they are sections of plain text.
 """
+
+from collections import Counter
 
 from typer.core import TyperCommand, TyperGroup
 
@@ -50,7 +52,7 @@ _ORDER = [None, *GROUPS]
 
 
 class Command(TyperCommand):
-    """A command whose options are in the groups of `GROUPS`."""
+    """A command whose options are in the groups of `GROUPS`; an option with one value is accepted once."""
 
     def __init__(self, *args, **options) -> None:
         super().__init__(*args, **options)
@@ -60,6 +62,24 @@ class Command(TyperCommand):
         paragraphs = (self.help or "").split("\n\n")
         self.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
         self.params.sort(key=lambda parameter: _ORDER.index(parameter.rich_help_panel))
+
+    def parse_args(self, ctx, args: list[str]) -> list[str]:
+        """Read the words of a call; an option that takes one value and is given twice is a wrong call."""
+        problem = self._first_repeated(ctx, args)
+        if problem is not None:
+            ctx.fail(problem)
+        return super().parse_args(ctx, args)
+
+    def _first_repeated(self, ctx, args: list[str]) -> str | None:
+        """What is wrong with the first option that is given twice, although only the last value would count."""
+        *_, order = self.make_parser(ctx).parse_args(args=list(args))
+        for parameter, count in Counter(order).items():
+            is_option = parameter.param_type_name == "option"
+            if count < 2 or not is_option or parameter.multiple or parameter.is_flag:
+                continue
+            form = parameter.get_help_record(ctx)[0].split(",")[-1].strip()
+            return f"{parameter.opts[0]} is given {count} times; expected it once ({form}); leave out the others"
+        return None
 
     def format_options(self, ctx, formatter) -> None:
         """Write arguments, then one section of plain text for each group of options."""
