@@ -91,6 +91,17 @@ def test_a_first_result_stays_where_a_run_was_killed_until_a_run_replaces_it(tmp
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+def test_a_first_result_that_was_half_written_does_not_stand_in_the_way(tmp_path):
+    """A kill between the temporary file and its final name leaves the temporary file."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / ".partial-7-provisional.json").write_text('{"prov')
+    with runs.opened("demo", "x", out) as run:
+        (run.partial / "a.txt").write_text("a")
+    assert [path.name for path in out.iterdir()] == ["a.txt"]
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
 def test_two_runs_do_not_write_one_folder(tmp_path):
     with (
         runs.opened("demo", "x", tmp_path / "out") as run,

@@ -152,6 +152,17 @@ def test_a_torn_part_is_computed_again(tmp_path, damage):
     assert done.done.made >= 3
 
 
+@pytest.mark.parametrize("left", ["parts/", ".partial-7-study.json"])
+def test_a_kill_while_the_folder_is_created_does_not_stand_in_the_way(tmp_path, left):
+    """The folder without the study's file was once taken for another interrupted study."""
+    partial = tmp_path / ".partial-out"
+    partial.mkdir()
+    (partial / left).mkdir() if left.endswith("/") else (partial / left).write_text('{"dig')
+    done = carried_out(scenes.written(tmp_path), tmp_path / "out", 1, None, lambda line: None)
+    assert pq.read_table(done.path / tables.TABLE).num_rows == 40
+    assert not [path.name for path in done.path.iterdir() if path.name.startswith(".")]
+
+
 def test_a_disk_that_is_full_from_the_start_leaves_nothing(tmp_path, monkeypatch):
     whole = Path.open
 

@@ -31,6 +31,8 @@ PROVISIONAL = "provisional.json"
 """First result of a run that is not complete; a folder with this file alone counts as empty."""
 _root: ContextVar[Path | None] = ContextVar("root", default=None)
 _MANY_FILES = 200
+_PARTIAL = ".partial-"
+"""Start of the names of files and folders that are being written."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def replace_file(path: Path, text: str | bytes | Iterable[str]) -> None:
 
     A pipe or a device is written as it is: moving a file there would take its place.
     """
-    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    partial = path.with_name(f"{_PARTIAL}{os.getpid()}-{path.name}")
     special = path.exists() and not path.is_file()
     try:
         target = path if special else partial
@@ -146,11 +148,11 @@ def _named(out: Path) -> Run:
     path = out.expanduser().resolve()
     if path.exists() and not path.is_dir():
         raise InputError(f"{out} is a file, where --out expects a folder; name a new folder.")
-    if path.is_dir() and any(inside.name != PROVISIONAL for inside in path.iterdir()):
+    if path.is_dir() and any(not _is_provisional(inside) for inside in path.iterdir()):
         raise InputError(
             f"{out} contains files. To protect them, --out expects a new or empty folder; name another folder."
         )
-    partial = path.with_name(f".partial-{path.name}")
+    partial = path.with_name(f"{_PARTIAL}{path.name}")
     reserved, lock = _reserve(partial)
     if lock is None and fcntl is not None:
         raise InputError(
@@ -159,12 +161,19 @@ def _named(out: Path) -> Run:
     return Run(path, partial, reserved, lock)
 
 
+def _is_provisional(path: Path) -> bool:
+    """Whether it is the first result of an interrupted run, or its temporary file if a kill interrupted the writing."""
+    return path.name == PROVISIONAL or (
+        path.name.startswith(_PARTIAL) and path.name.endswith(f"-{PROVISIONAL}")
+    )
+
+
 def _numbered(name: str) -> Run:
     """The first free name; making the partial folder is what reserves it among processes."""
     root = (_root.get() or RUNS).resolve()
     for number in range(1, 1000):
         path = root / (name if number == 1 else f"{name}-{number}")
-        partial = path.with_name(f".partial-{path.name}")
+        partial = path.with_name(f"{_PARTIAL}{path.name}")
         if partial.exists() or path.exists():
             continue
         reserved, lock = _reserve(partial)
@@ -240,7 +249,8 @@ def _move_into_place(run: Run) -> None:
     try:
         _flush_folder(run.partial)
         if run.path.is_dir():
-            (run.path / PROVISIONAL).unlink(missing_ok=True)
+            for leftover in filter(_is_provisional, run.path.iterdir()):
+                leftover.unlink(missing_ok=True)
             run.path.rmdir()  # it was empty; where it no longer is, this refuses
         run.partial.rename(run.path)
         flush_to_disk(run.path.parent)

@@ -14,7 +14,7 @@ from workbench.files.runs import RUNS, replace_file, slug
 from workbench.studies.spec import Study
 from workbench.studies.tables import PARTS, TABLE, parts_done
 
-STUDY = "study.json"
+STUDY, LOCK = "study.json", ".lock"
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,24 @@ def _check_free(place: Place, study: Study, data: str) -> None:
             f"{place.path} contains other files. To protect them, --out expects a new folder, an empty one, or "
             "that of the same study. Name another folder"
         )
-    study_file = place.partial / STUDY
-    if place.partial.exists() and (
-        not study_file.is_file() or _digest_in(study_file) != digest(study, data)
-    ):
+    if _holds_work(place.partial) and _digest_in(place.partial / STUDY) != digest(study, data):
         raise InputError(
             f"{place.partial} holds another interrupted study, or one whose file, data or version has changed. "
             "Remove it, or name another folder with --out"
         )
+
+
+def _holds_work(partial: Path) -> bool:
+    """Whether a study was started in the folder; False if a kill interrupted the creation of the folder."""
+    if not partial.is_dir():
+        return partial.exists()
+    others = [path.name for path in partial.iterdir() if path.name not in (PARTS, LOCK)]
+    return bool(parts_done(partial)) or not all(map(_is_temporary, others))
+
+
+def _is_temporary(name: str) -> bool:
+    """Whether a file of that name was being written when a kill interrupted it."""
+    return name.startswith(".partial-")
 
 
 def _digest_in(path: Path) -> str:
@@ -120,7 +130,7 @@ def _alone(folder: Path) -> Iterator[None]:
     except ImportError:  # no locks on this system: two processes only repeat the same work
         yield
         return
-    with (folder / ".lock").open("w") as lock:
+    with (folder / LOCK).open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -132,7 +142,9 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _move(place: Place) -> None:
     try:
-        (place.partial / ".lock").unlink(missing_ok=True)
+        for path in place.partial.iterdir():
+            if path.name == LOCK or _is_temporary(path.name):
+                path.unlink(missing_ok=True)
         if place.path.is_dir():
             place.path.rmdir()  # fails if the folder is no longer empty
         os.rename(place.partial, place.path)
