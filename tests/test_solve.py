@@ -226,6 +226,37 @@ def test_damped_steps_follow_a_curved_valley():
     np.testing.assert_allclose(fit.parameters.pack(), 1, atol=1e-3)
 
 
+class ProductValley(CurvedValley):
+    """A compliance k under a known and an unknown load, 1 + m: their product is known far better than either."""
+
+    parameters = Parameters.of([Parameter("k", "1"), Parameter("m", "1")])
+    narrow, weak, share = 300, 100, 0.8
+
+    def sigma(self, parameters):
+        return np.ones((2, 1))
+
+    def residual(self, parameters):
+        k, m = parameters.pack()
+        of_sum = k * (1 + m) - 2
+        of_share = k * (1 + self.share * m) - (1 + self.share)
+        return np.array([[self.narrow * of_sum], [self.weak * of_share]])
+
+    def residual_and_derivative(self, parameters):
+        k, m = parameters.pack()
+        by_k = [[self.narrow * (1 + m)], [self.weak * (1 + self.share * m)]]
+        by_m = [[self.narrow * k], [self.weak * self.share * k]]
+        return self.residual(parameters), lambda: np.array([by_k, by_m])
+
+
+def test_short_damped_steps_end_no_solve_far_from_the_minimum():
+    """From the floor of the valley, 14 standard deviations from the minimum: the first steps hardly lower the cost."""
+    model = ProductValley()
+    start = model.parameters.free("*").unpack(np.array([2 / 7, 6.0]))
+    fit = solve(model, start)
+    assert fit.converged
+    np.testing.assert_allclose(fit.parameters.pack(), 1, atol=0.01)
+
+
 def test_nothing_free_is_a_fit_of_nothing():
     model = model_of(scene("external-point", n=30))
     fit = solve(model, model.parameters)

@@ -217,7 +217,7 @@ class _Problem:
         self.precision = parameters.precision[parameters.mask]
         self.nulls = parameters.nulls[parameters.mask]
         self.damping, self.outcome, self.history = 0.0, "", []
-        self.is_curved = False
+        self.is_curved = self.is_settled = False
 
     def start(self, linearised=None):
         self.inverse_sigma = 1 / self.model.sigma(self.parameters)
@@ -297,7 +297,7 @@ class _Problem:
         """One step; the damping is increased until the cost decreases."""
         if not self.check():
             return
-        before, self.held = self.cost, False
+        before, self.held, self.is_settled = self.cost, False, False
         if self.damping and not self.is_curved and len(self.history) > _STRAIGHT:
             self.is_curved, self.damping = self.rows is not None, _CURVED_DAMPING
         metric = np.diag(self.normal) if self.is_curved else np.ones(len(self.gradient))
@@ -318,10 +318,22 @@ class _Problem:
                 if abs(before - self.cost) < max(
                     1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
                 ):
-                    self.outcome = SETTLED
+                    self.settle(unit)
                 return
             self.increase_damping()
         self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+
+    def settle(self, unit):
+        """End after a step that lowered the cost by next to nothing, unless only the damping made it so short.
+
+        In the narrow curved valley of a product, such as that of a compliance and its load, damped steps creep far from
+        the minimum, while the step without damping still promises more than a sigma.
+        """
+        self.is_settled = True
+        undamped = self.normal + np.diag(np.full(len(self.gradient), _FLOOR))
+        promised = -float(self.gradient @ _newton(undamped, self.gradient))
+        if promised < unit:
+            self.outcome = SETTLED
 
     def increase_damping(self):
         """After a step that failed."""
@@ -400,7 +412,7 @@ class _Problem:
             self.data_normal / np.outer(self.scale, self.scale),
             float(np.sqrt(data / degrees)),
             tuple(self.history),
-            self.outcome or OUT_OF_STEPS,
+            self.outcome or (SETTLED if self.is_settled else OUT_OF_STEPS),
             degrees,
             self.data_gradient / self.scale if self.weigh is None else None,
         )
