@@ -124,8 +124,13 @@ class BallForm(Effect):
 
     def basis(self, state):
         normals = known(state.normals)
-        lobes = _second_degree(*normals) if self.degree == 2 else _third_degree(*normals)
+        lobes = spherical_harmonics(self.degree, normals)
         return np.where(state.ball == self.number, lobes[:, None] * normals, 0.0)
+
+
+def spherical_harmonics(degree: int, normals):
+    """(2 degree + 1, n) real spherical harmonics of unit vectors (3, n), degree 2 or 3, with largest values of about 1."""
+    return _second_degree(*normals) if degree == 2 else _third_degree(*normals)
 
 
 def _second_degree(x, y, z):

@@ -126,7 +126,8 @@ def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
 
     out, json, no_report = targets
     with runs.opened("diagnose", recording, out) as run:
-        result = diagnose_surface(found, say)
+        diagnosis = diagnose_surface(found, say)
+        result = diagnosis.as_json()
         held_out = result["held_out"]
         error = Residual(
             held_out["after_mm"], "mm", "held-out RMS distance of the points from the ball"
@@ -136,7 +137,7 @@ def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
         result |= {"verdict_details": verdict.as_json(), "run": run.path}
         result["input"] = runs.input_name(recording)
         if not no_report:
-            write_sheet(page(result), run.partial)
+            write_sheet(page(diagnosis, result), run.partial)
         runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
