@@ -129,7 +129,7 @@ class BallForm(Effect):
 
 
 def spherical_harmonics(degree: int, normals):
-    """(2 degree + 1, n) real spherical harmonics of unit vectors (3, n), degree 2 or 3, with largest values of about 1."""
+    """(2 degree + 1, n) real spherical harmonics of unit vectors (3, n), degree 2 or 3; largest values about 1."""
     return _second_degree(*normals) if degree == 2 else _third_degree(*normals)
 
 
