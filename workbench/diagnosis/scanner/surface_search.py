@@ -34,7 +34,7 @@ _LEAST_DEGREES = 4
 
 
 _MOST_TERMS = 8
-"""More effects of one sensor are not told from one another by one ball."""
+"""More effects of one sensor are not distinguishable by the points of one ball."""
 
 
 @dataclass(frozen=True)
