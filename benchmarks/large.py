@@ -19,7 +19,7 @@ from robot_model.system import bind
 from workbench.core.model import Model
 from workbench.core.solution import Stage
 from workbench.files.scene import Cause, Scene
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.simulate import truth_from
 
 BLOCK = 50_000

@@ -16,7 +16,7 @@ from robot_model.system import bind
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
-from workbench.fitting.plans import geometry, stage_mask
+from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 from workbench.jobs.robot.calibrate import calibrate
 
 # name, and which of its poses are taken: every first, third ... as a search of hours proves nothing more

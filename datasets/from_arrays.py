@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.checks import Context, check_samples
-from datasets.columns import GROUPS, TEXT, misspelt
 from datasets.formats.table import Table, number_groups
-from workbench.core.builtin_names import builtin_keys, check_builtin_name
+from datasets.samples.checks import Context, check_samples
+from datasets.samples.columns import GROUPS, TEXT, misspelt
 from workbench.core.errors import InputError
-from workbench.core.robot_description import description_keys, is_description
+from workbench.core.robot_files.builtin_names import builtin_keys, check_builtin_name
+from workbench.core.robot_files.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
 _CALLED = "Recording.from_arrays"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
 from datasets.errors import InputError, complaint
+from datasets.samples.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
 from workbench.core.rigid import transform
 
 
@@ -28,7 +28,7 @@ class Recording:
     """
 
     measures: str
-    """What a sample is: "ball-centre", "external-point", … (`datasets.columns.KINDS`)."""
+    """What a sample is: "ball-centre", "external-point", … (`datasets.samples.columns.KINDS`)."""
     columns: Mapping[str, np.ndarray]
     """Every column by its file name, (n,) float64, or (n,) str for text columns."""
     robot: Mapping
@@ -222,7 +222,7 @@ class Recording:
         """
         if self.is_resampled:
             return self
-        from datasets.duplicates import without_duplicates
+        from datasets.samples.duplicates import without_duplicates
 
         return without_duplicates(self)
 

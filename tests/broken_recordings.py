@@ -11,8 +11,8 @@ import pyarrow.parquet
 import pytest
 
 import datasets
-from datasets.columns import FLANGE
 from datasets.errors import InputError
+from datasets.samples.columns import FLANGE
 from good_recordings import write_good
 
 TOML, ROBOT, CSV, ART, IMG = (

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.chain import forward
-from robot_model.configuration import configuration_signs
-from robot_model.robot_file import read_robot_keys, robot_from_keys
+from robot_model.files.robot_file import read_robot_keys, robot_from_keys
+from robot_model.postures.configuration import configuration_signs
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.compensate import nominal_poses
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.checks import Context, check_samples
 from datasets.formats.table import Table
-from datasets.plausible import check_plausible
 from datasets.recording import Recording
+from datasets.samples.checks import Context, check_samples
+from datasets.samples.plausible import check_plausible
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices

@@ -185,7 +185,7 @@ def _text_targets(home: Path) -> Iterator[Target]:
     from workbench.files.exports.check import read_calibrated_camera
     from workbench.files.exports.hand_eye import read_hand_eye
     from workbench.files.scene import read_scene
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plans import read_plan
     from workbench.studies.spec import read_study
 
     hand_eye_run(home / "run-of-hand-eye")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 import datasets
-from datasets.columns import KINDS
+from datasets.samples.columns import KINDS
 
 JOINTS = ("q1_deg", "q2_deg", "q3_deg", "q4_deg", "q5_deg", "q6_deg")
 ROWS = (

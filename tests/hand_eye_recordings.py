@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 from board_images import pattern
-from datasets.columns import FLANGE
 from datasets.recording import Recording
+from datasets.samples.columns import FLANGE
 from robot_model import load_robot
 from robot_model.chain import forward
 from sensors.boards.detection import Board

@@ -9,7 +9,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.columns import joint_columns
+from datasets.samples.columns import joint_columns
 from hand_eye_recordings import CAMERA, SCENES, Made, camera_text, flange_columns
 from sensors.boards.detection import detect_all
 from workbench.core.errors import InputError

@@ -9,7 +9,7 @@ from robot_model import load_robot
 from robot_model.system import geometry_free
 from scenes import model_of, scene
 from workbench.core.solution import Stage
-from workbench.fitting.plans import FRAMES
+from workbench.fitting.calibration_plans.plans import FRAMES
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 SIGMA = 0.02

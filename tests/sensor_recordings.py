@@ -69,7 +69,7 @@ def handeye_recording() -> tuple[Path, np.ndarray]:
     from scipy.spatial.transform import Rotation
 
     import datasets
-    from datasets.columns import FLANGE
+    from datasets.samples.columns import FLANGE
     from workbench.core.rigid import inverse, rotation_matrix, transform
 
     folder, truth = scanner_recording()

@@ -12,7 +12,7 @@ import pytest
 
 import workbench as wb
 from conftest import ROOT
-from datasets.columns import misspelt
+from datasets.samples.columns import misspelt
 from workbench.api.functions import COMMANDS
 from workbench.api.results import Table
 from workbench.commands import cli

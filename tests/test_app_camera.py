@@ -9,8 +9,8 @@ import pytest
 
 import app_browser
 from app_browser import click_at, opened_app, plot, settled_place, show_tab, wait_for_text
-from workbench.app.data.image_errors import camera_deviations, image_errors
 from workbench.app.data.opened import open_subject, summary
+from workbench.app.data.recorded_images.image_errors import camera_deviations, image_errors
 from workbench.app.figures import sensor
 
 pytestmark = pytest.mark.slow

@@ -32,7 +32,7 @@ def test_places_of_a_diagnosis_carry_share_and_findings():
 
 
 def test_ticked_terms_become_effects_of_a_plan_that_calibrate_reads(tmp_path):
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plans import read_plan
 
     rows = diagnosis.plan_effects(diagnosis_answer(), [0, 1, 1, 99])
     assert rows == [

@@ -112,7 +112,7 @@ def test_images_of_a_recording_must_lie_in_its_folder(folder):
     from dataclasses import replace
 
     import datasets
-    from workbench.app.data.images import overlay
+    from workbench.app.data.recorded_images.images import overlay
     from workbench.core.errors import InputError
 
     rows = [{"image": "../secret.txt", "role": "board"}]

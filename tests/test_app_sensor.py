@@ -208,9 +208,9 @@ def test_a_stage_is_excluded_and_the_change_undone(page):
 
 
 def test_every_sample_has_the_image_of_the_light_plane_nearest_to_its_ball(scanner_run):
-    from workbench.app.data.images import overlay
     from workbench.app.data.opened import open_subject
-    from workbench.app.data.sample_images import sample_images
+    from workbench.app.data.recorded_images.images import overlay
+    from workbench.app.data.recorded_images.sample_images import sample_images
 
     opened = open_subject(str(scanner_run))
     places = sample_images(opened)

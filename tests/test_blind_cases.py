@@ -244,7 +244,7 @@ def test_pushes_add_up_and_nothing_is_nothing():
 
 
 def test_a_mistake_in_the_file_is_a_mistake_in_the_file():
-    from datasets.makers.blind import data
+    from datasets.makers.blind.effects import data
 
     columns = {
         **{f"q{k}_deg": np.full(3, float(k)) for k in range(1, 7)},

@@ -6,9 +6,9 @@ import decimal
 import numpy as np
 import pytest
 
-from datasets import chunks
 from datasets.errors import InputError
 from datasets.formats.table import read_table
+from datasets.samples import chunks
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")

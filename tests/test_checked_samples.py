@@ -15,8 +15,8 @@ from erring_scenes import erring
 from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.explanation.answer import diagnose
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compare import compare
 from workbench.jobs.robot.identify import identifiability
@@ -26,10 +26,10 @@ from workbench.jobs.robot.poses import choose_poses
 UNCHECKED = {
     "app/data/places.py",
     "app/data/prediction.py",
-    "explanation/differences.py",
-    "explanation/reference.py",
+    "explanation/comparison/differences.py",
+    "explanation/comparison/reference.py",
     "explanation/term_steps.py",
-    "fitting/plausibility/far_geometry.py",
+    "fitting/plausibility/robot_files/far_geometry.py",
     "fitting/verdicts/diagnosis_verdict.py",
     "jobs/robot/evaluate.py",  # checks them, and states the errors of all rows, faulty ones included
     "jobs/robot/poses.py",

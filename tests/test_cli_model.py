@@ -12,9 +12,9 @@ from robot_model.effects import CATALOGUE
 from test_corrected_models import SCENE, recorded
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.validation.terms import Term
-from workbench.explanation.corrected_model import corrected_stages
+from workbench.explanation.output.corrected_model import corrected_stages
 from workbench.files.solution_file import solution_keys
-from workbench.fitting.plan_file import plan_text
+from workbench.fitting.calibration_plans.plan_file import plan_text
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.corrected_scene import corrected_scene, write_scene
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import gubankov, liu, ye
-from datasets.mujoco_arm import pose, reflector_points
+from datasets.makers.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.chain import forward
@@ -17,7 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 from workbench.files.solution_file import CalibratedArm, _trust, read_solution
 from workbench.files.targets import doubts, read_programme
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.compensation.compensate import (
     actual_poses,

@@ -10,7 +10,11 @@ from scipy.spatial.transform import Rotation
 import datasets
 from conftest import mostly_slow
 from robot_model import load_robot
-from robot_model.configuration import configuration_name, configuration_signs, has_configurations
+from robot_model.postures.configuration import (
+    configuration_name,
+    configuration_signs,
+    has_configurations,
+)
 from scenes import SLIDING, scene
 from test_correction_limits import ABB, answer_of, solution
 from workbench.core.errors import InputError

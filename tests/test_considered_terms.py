@@ -14,10 +14,10 @@ from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.validation.terms import Term
-from workbench.explanation import corrected_model
-from workbench.explanation.considered_terms import considered_terms
+from workbench.explanation.output import corrected_model
+from workbench.explanation.output.considered_terms import considered_terms
 from workbench.files.solution_file import read_solution, solution_keys
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensation.compensate import (
     compensate,

@@ -18,15 +18,15 @@ from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.answer import diagnose
-from workbench.explanation.corrected_model import (
+from workbench.explanation.output.corrected_model import (
     corrected_stages,
     estimated_std,
     write_model,
 )
 from workbench.explanation.result import Term
 from workbench.files.solution_file import read_solution, without_terms
-from workbench.fitting import plan_file
-from workbench.fitting.plans import read_plan
+from workbench.fitting.calibration_plans import plan_file
+from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensation.compensate import actual_poses, compensate
 from workbench.jobs.robot.compensation.correction_limits import checked

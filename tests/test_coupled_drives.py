@@ -9,12 +9,12 @@ from coupled_arms import ARMS, CoupledArm
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.transmission import Backlash, TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
-from robot_model.loading import load_robot
+from robot_model.files.loading import load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind
 from workbench.core.model import Model
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plausibility.coupled_drives import CAUSE
+from workbench.fitting.plausibility.joint_columns.coupled_drives import CAUSE
 
 COMPLIANCES = {
     "parallelogram": (0.0, 4e-7, 5e-7, 2e-6, 2e-6, 0.0),

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from coupled_arms import CoupledArm
-from robot_model.loading import load_robot
+from robot_model.files.loading import load_robot
 from robot_model.measurements import samples_of
 from workbench.fitting.plausibility import check_plausibility
 

@@ -26,7 +26,7 @@ from workbench.core.text.structured_text import (
 )
 from workbench.files.scene import read_scene
 from workbench.files.solution_file import read_solution
-from workbench.fitting.plans import read_plan
+from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.proving import protocol
 from workbench.proving.prove import _settings, bring
 

@@ -9,7 +9,7 @@ from test_real_arm_effects import without_masses
 from workbench.core.model import NOISE, STATE_PORTS
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.derived import deflection_row
-from workbench.explanation.words import figures
+from workbench.explanation.sentences.words import figures
 
 COMPLIANCES = {"joint-2": 8e-6, "joint-3": 1.2e-5}  # rad/(N m)
 

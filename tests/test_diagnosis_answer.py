@@ -13,8 +13,8 @@ from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation import folds, held_out, left_out_blocks, stability
 from workbench.diagnosis.validation.controls import PERMUTED, ROTATED, controls, of_order
-from workbench.explanation import minimal_detectable_bias, statements, words
-from workbench.explanation import reference as references
+from workbench.explanation import minimal_detectable_bias
+from workbench.explanation.comparison import reference as references
 from workbench.explanation.noise import replicates
 from workbench.explanation.planning.candidate_recordings import list_candidates
 from workbench.explanation.planning.experiment import (
@@ -25,6 +25,7 @@ from workbench.explanation.planning.experiment import (
     next_experiment,
 )
 from workbench.explanation.result import Term, options_of, verdict_of
+from workbench.explanation.sentences import statements, words
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

@@ -17,7 +17,7 @@ from workbench.diagnosis.search.findings import finding
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
 from workbench.explanation.result import Term, _effect
-from workbench.explanation.words import figures
+from workbench.explanation.sentences.words import figures
 
 BEGINS = sorted(name for name, kind in CATALOGUE.items() if "after" in option_types(kind))
 

@@ -16,9 +16,9 @@ from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import DOUBLED, critical_t, left_out
 from workbench.diagnosis.validation.left_out_blocks import decorrelated
-from workbench.explanation import statements
 from workbench.explanation.answer import diagnose
 from workbench.explanation.result import UNEXPLAINED, Term, verdict_of
+from workbench.explanation.sentences import statements
 from workbench.explanation.unexplained import unknown_terms
 from workbench.fitting.cross_validation import cross_validate
 from workbench.jobs.robot.simulate import simulate

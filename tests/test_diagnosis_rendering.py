@@ -12,9 +12,8 @@ from rich.console import Console
 from workbench.commands.robot.diagnose import show
 from workbench.commands.shared import answer
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found, Located
-from workbench.explanation import statements
-from workbench.explanation.files import save
 from workbench.explanation.minimal_detectable_bias import DetectableBias
+from workbench.explanation.output.files import save
 from workbench.explanation.result import (
     Control,
     Diagnosis,
@@ -25,6 +24,7 @@ from workbench.explanation.result import (
     Views,
     with_statements,
 )
+from workbench.explanation.sentences import statements
 from workbench.report import style
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis.page import page

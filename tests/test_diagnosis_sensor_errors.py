@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import sensor_virtual
-from sensors.camera.displaced_lines import DisplacedLine, HeldOut
-from sensors.camera.shared_effects import BoardLine
+from sensors.camera.correlated_errors.displaced_lines import DisplacedLine, HeldOut
+from sensors.camera.correlated_errors.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
-from sensors.scanner.line_dependence import LineDependence
+from sensors.scanner.residuals.line_dependence import LineDependence
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter
@@ -28,7 +28,7 @@ from workbench.explanation.sensor_errors import (
     image_warnings,
     with_random_errors,
 )
-from workbench.explanation.statements import statement
+from workbench.explanation.sentences.statements import statement
 from workbench.explanation.unexplained import (
     contains_unexplained_structure,
     is_remainder_located,

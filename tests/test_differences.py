@@ -7,10 +7,10 @@ import tomli_w
 from robot_model.effects import CATALOGUE
 from test_mjcf import MJCF_CELL
 from workbench.core.errors import InputError
-from workbench.explanation.alternatives import alternative_sets
 from workbench.explanation.answer import diagnose
-from workbench.explanation.differences import differences
-from workbench.explanation.reference import reference_of
+from workbench.explanation.comparison.alternatives import alternative_sets
+from workbench.explanation.comparison.differences import differences
+from workbench.explanation.comparison.reference import reference_of
 from workbench.jobs.robot.simulate import simulate
 from workbench.report.diagnosis.page import page
 
@@ -138,7 +138,7 @@ def test_a_cell_without_masses_is_said_to_show_no_deflection(tmp_path):
 
 def test_parameters_of_an_earlier_solution_that_were_held_are_suspects(tmp_path):
     """A plan without beta at the parallel axes 2 and 3: the solution holds it, and the comparison names it."""
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plans import read_plan
     from workbench.jobs.robot.calibrate import calibrate, save
 
     recording = recorded(tmp_path, {"joint-2.beta2": 8e-4})

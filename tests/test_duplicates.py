@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import datasets
-from datasets.chunks import read_chunks
-from datasets.duplicates import first_of_equal_rows
+from datasets.samples.chunks import read_chunks
+from datasets.samples.duplicates import first_of_equal_rows
 from erring_scenes import erring
 from robot_model.measurements import samples_of
 from scenes import KINDS, scene
 from workbench.explanation.answer import diagnose
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.calibrate_large import calibrate_chunks
 from workbench.jobs.robot.compare import compare

@@ -6,7 +6,7 @@ import pytest
 from export_scenes import exported
 from robot_model.measurements import samples_of
 from workbench.explanation.answer import diagnose
-from workbench.explanation.corrected_model import write_model
+from workbench.explanation.output.corrected_model import write_model
 from workbench.files.solution_file import read_solution
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.evaluate import evaluate

@@ -10,7 +10,7 @@ from robot_model import load_robot
 from workbench.commands.shared.tables import _largest_lengths
 from workbench.core.errors import InputError
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plausibility.far_geometry import find_far_geometry
+from workbench.fitting.plausibility.robot_files.far_geometry import find_far_geometry
 from workbench.recordings.importing import import_recording
 from workbench.recordings.inspection import inspect_recording
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from export_scenes import arm_with, exported
 from robot_model import load_robot
-from robot_model.task_priority import Task
+from robot_model.postures.task_priority import Task
 from scenes import ABB, CRAIG, SLIDING
 from workbench.jobs.robot.compensation.compensate import actual_poses, compensate, nominal_poses
 

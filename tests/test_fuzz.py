@@ -45,7 +45,7 @@ def test_inputs_that_once_failed(readers, name):
 
 def test_the_fuzzer_finds_a_planted_fault(readers, monkeypatch):
     """The check can fail: a reader that raises another error is reported with its place."""
-    import workbench.fitting.plans as plans
+    import workbench.fitting.calibration_plans.plans as plans
 
     monkeypatch.setattr(plans, "_stage", lambda *_: {}["missing"])
     target = next(target for target in readers if target.name == "plan")

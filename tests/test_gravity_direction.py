@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from mounted_arms import MountedArm
-from robot_model.loading import load_robot, whole_keys
+from robot_model.files.loading import load_robot, whole_keys
 from robot_model.measurements import samples_of
-from workbench.explanation.plausible_values import implausible_values
+from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.gravity_direction import CAUSE
+from workbench.fitting.plausibility.robot_files.gravity_direction import CAUSE
 from workbench.jobs.robot.calibrate import calibrate
 
 FLOOR, CEILING, WALL = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)

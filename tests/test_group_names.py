@@ -5,8 +5,8 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from datasets.columns import GROUPS
 from datasets.formats.table import read_table
+from datasets.samples.columns import GROUPS
 from workbench.core.errors import InputError
 
 

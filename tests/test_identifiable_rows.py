@@ -5,7 +5,7 @@ import pytest
 from robot_model.effects import CATALOGUE
 from workbench.core.parameters import Parameter
 from workbench.diagnosis.linear.estimates import parameter_row
-from workbench.explanation.words import figures
+from workbench.explanation.sentences.words import figures
 
 SHIFT = CATALOGUE["shift"]("tool", after=5.0)
 

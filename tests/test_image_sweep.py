@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from datasets.rows import Rows
+from datasets.recording_files.rows import Rows
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.sweep import with_sweep
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.importers.sources.cells import labels_of, split_cells
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.tables.cells import labels_of, split_cells
+from datasets.importers.sources.tables.text_tables import read_text_table
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from workbench.recordings.importing import import_recording
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.model import Group, Mapping, read_mapping
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from robot_model import load_robot

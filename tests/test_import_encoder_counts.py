@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from datasets.importers.mapping.model import read_mapping
-from datasets.schemas import mapping_schema
+from datasets.recording_files.schemas import mapping_schema
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording

@@ -8,7 +8,7 @@ import pytest
 
 from datasets.importers.sources import read_sources
 from datasets.importers.sources.dh_tables import read_dh_table
-from datasets.importers.sources.text_tables import is_unit_row, with_group_names
+from datasets.importers.sources.tables.text_tables import is_unit_row, with_group_names
 from robot_model import load_robot
 from robot_model.chain import forward
 from workbench.core.errors import InputError

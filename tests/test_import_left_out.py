@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.columns.headers import read_header
+from datasets.importers.mapping.columns.sets import find_sets
+from datasets.importers.mapping.joined_tables.time_stamps import times_of
 from datasets.importers.mapping.left_out import left_out_sentences, unused_rotation_sentences
 from datasets.importers.mapping.proposal import propose
-from datasets.importers.mapping.sets import find_sets
-from datasets.importers.mapping.time_stamps import times_of
 from datasets.importers.source import ImageFile, RawTable
 from datasets.importers.sources.choice import read_sources
-from datasets.importers.sources.text_tables import numbers_from_text
+from datasets.importers.sources.tables.text_tables import numbers_from_text
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.commands.data import import_dialogue
 from workbench.core.errors import InputError

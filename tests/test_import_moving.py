@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from datasets.importers.mapping.interpolation import interpolated
-from datasets.importers.mapping.joining import join_tables
+from datasets.importers.mapping.joined_tables.interpolation import interpolated
+from datasets.importers.mapping.joined_tables.joining import join_tables
 from datasets.importers.mapping.model import Join
 from datasets.importers.source import RawTable
 

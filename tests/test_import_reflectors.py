@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from datasets.errors import InputError
+from datasets.importers.mapping.columns.reflectors import stacked
 from datasets.importers.mapping.model import Group, Mapping, mapping_from_keys
 from datasets.importers.mapping.proposal import propose
-from datasets.importers.mapping.reflectors import stacked
 from datasets.importers.source import RawTable
 
 FIRST = ("SMR1 X", "SMR1 Y", "SMR1 Z")

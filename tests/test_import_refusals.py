@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from datasets.importers.mapping import headers
+from datasets.importers.mapping.columns import headers
 from datasets.importers.mapping.model import read_mapping
-from datasets.importers.sources.text_tables import is_number_text, read_text_table
+from datasets.importers.sources.tables.text_tables import is_number_text, read_text_table
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, tracker, write_rows
 from import_tables import nearly_one_orientation
 from workbench.commands.cli import run

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datasets.importers.sources.robot_programs import read_robot_program
+from datasets.importers.sources.programs.robot_programs import read_robot_program
 from datasets.importers.user_tables import read_targets
 from import_scenes import write_rows
 from robot_model import load_robot

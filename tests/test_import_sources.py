@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.sources import read_sources
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, tracker, write_rows

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datasets.importers.mapping import spherical
+from datasets.importers.mapping.columns import spherical
 from datasets.importers.mapping.model import mapping_from_keys, read_mapping
 from import_scenes import assert_same_rows, degrees, pose_scene, simulated, write_rows
 from workbench.core.errors import InputError

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from datasets.importers.source import RawTable
-from datasets.importers.sources.excel import read_excel
-from datasets.importers.sources.summary_rows import without_summary_rows
+from datasets.importers.sources.tables.excel import read_excel
+from datasets.importers.sources.tables.summary_rows import without_summary_rows
 
 openpyxl = pytest.importorskip("openpyxl")
 NAMES = ("Nr", "J1", "J2", "X", "Y", "Z")

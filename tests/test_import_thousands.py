@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.tables.text_tables import read_text_table
 
 VALUES = np.array([[2968.41, 275.975], [2404.024, 1123.778], [3257.54, 489.285], [812.3, 697.035]])
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.sets import find_sets
+from datasets.importers.mapping.columns.headers import read_header
+from datasets.importers.mapping.columns.sets import find_sets
 from datasets.importers.source import RawTable
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from workbench.recordings.importing import import_recording

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from datasets.importers.source import RawTable
-from datasets.importers.sources.reshaped import one_row_per_sample
+from datasets.importers.sources.tables.reshaped import one_row_per_sample
 from workbench.core.errors import InputError
 
 SAMPLES = 3000

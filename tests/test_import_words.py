@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.conversion import other_columns
-from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.tables.text_tables import read_text_table
 from workbench.core.errors import InputError
 
 WORDS = {

@@ -13,8 +13,8 @@ from robot_model.system import bind
 from scenes import model_of, scene
 from workbench.diagnosis.robot.derived import reflector_rows
 from workbench.explanation.answer import diagnose
-from workbench.explanation.plausible_values import implausible_values
-from workbench.explanation.statements import with_sample_numbers
+from workbench.explanation.sentences.plausible_values import implausible_values
+from workbench.explanation.sentences.statements import with_sample_numbers
 
 
 def away(points):

@@ -18,8 +18,8 @@ from robot_model.effects.curve import (
 from scenes import model_of, scene
 from workbench.core.errors import InputError
 from workbench.core.least_squares.solver import solve
-from workbench.fitting.joint_curves import choose_joint_curves
-from workbench.fitting.plans import geometry, stage_mask
+from workbench.fitting.calibration_plans.joint_curves import choose_joint_curves
+from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 
 ANGLES = np.linspace(-2.0, 1.5, 400)
 

@@ -14,7 +14,7 @@ from scenes import CRAIG
 from workbench.commands.sensor.handeye import command
 from workbench.commands.shared import flow
 from workbench.core.errors import InputError
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.identify import identifiability
 from workbench.jobs.sensor import hand_eye

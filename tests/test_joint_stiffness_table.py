@@ -11,7 +11,7 @@ from test_report import STIFFNESS
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.text.stiffness_text import CENTRE_HEAD, holds_for, stiffness_table
-from workbench.fitting.plans import frames_of
+from workbench.fitting.calibration_plans.plans import frames_of
 
 KEYS = ("joint-2.joint-compliance.compliance", "joint-4.joint-compliance.compliance")
 ROW = STIFFNESS | {"centre_per_mm": None}

@@ -10,7 +10,7 @@ import pytest
 import datasets
 from benchmarks.large import SCENE, long_recording, plan
 from conftest import mostly_slow
-from datasets.chunks import pose_labels, read_chunks
+from datasets.samples.chunks import pose_labels, read_chunks
 from robot_model.system import bind
 from workbench.commands import cli
 from workbench.core.errors import InputError

@@ -5,7 +5,7 @@ import pytest
 
 from test_shrinkage import waved
 from workbench.core.least_squares.solver import solve
-from workbench.fitting.linear_posterior import LinearFit, Posterior, without_free
+from workbench.fitting.priors.linear_posterior import LinearFit, Posterior, without_free
 
 NOISE = (0.3, 1.0, 20.0)
 

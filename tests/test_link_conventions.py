@@ -10,8 +10,8 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.load import LinkBeam
 from robot_model.effects.nonparametric import SmoothFunction
 from robot_model.effects.steps import LinkWarmUp, Shift
+from robot_model.files.urdf import robot_from_urdf
 from robot_model.system import bind
-from robot_model.urdf import robot_from_urdf
 from scenes import ABB, SLIDING, scene
 from workbench.core.model import Model
 

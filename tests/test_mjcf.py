@@ -12,13 +12,13 @@ from export_scenes import arm_with, flanges, readings_of
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.effects import CATALOGUE
-from robot_model.mjcf import terms_of, unread
+from robot_model.files.mjcf import terms_of, unread
 from robot_model.state import State
 from scenes import ABB
 from test_exports_arm import SPRINGS
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
-from workbench.explanation.reference import reference_of
+from workbench.explanation.comparison.reference import reference_of
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import mjcf
 from workbench.files.exports.urdf import urdf

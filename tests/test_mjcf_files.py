@@ -9,14 +9,14 @@ import pytest
 from datasets.formats.recording1 import read_recording
 from export_scenes import arm_with, flanges, readings_of
 from robot_model import load_robot
-from robot_model.mjcf import unread
+from robot_model.files.mjcf import unread
 from robot_model.state import State
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.app.wizard.files import Dropped
 from workbench.commands.robot.export_arm import ArmOptions, export_arm
 from workbench.core.errors import InputError
-from workbench.core.robot_description import copy_description
-from workbench.explanation.reference import reference_of
+from workbench.core.robot_files.robot_description import copy_description
+from workbench.explanation.comparison.reference import reference_of
 from workbench.recordings.importing.chain import ImportOptions, import_recording
 from workbench.recordings.templates.write import write_template
 

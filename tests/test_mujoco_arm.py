@@ -11,7 +11,7 @@ pytest.importorskip(
 )
 
 from datasets.makers import elastic_arm, folder, ye
-from datasets.mujoco_arm import (
+from datasets.makers.mujoco_arm import (
     STANDARD_GRAVITY,
     Arm,
     Gap,

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 
 import datasets
-from datasets.columns import KINDS
+from datasets.samples.columns import KINDS
 from workbench.commands.cli import run
 from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.inspection import inspect_recording

@@ -22,7 +22,7 @@ from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation.held_out import Errors
 from workbench.explanation.answer import diagnose
-from workbench.explanation.files import save as save_diagnosis
+from workbench.explanation.output.files import save as save_diagnosis
 from workbench.fitting.cross_validation import HeldOut, cross_validate, error_summary
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.calibrate_large import calibrate_chunks

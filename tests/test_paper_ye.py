@@ -9,7 +9,7 @@ import pytest
 
 import datasets
 from conftest import ROOT
-from workbench.fitting.plans import read_plan
+from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compare import compare
 

@@ -6,8 +6,8 @@ import tomli_w
 
 from robot_model import load_robot
 from workbench.core.solution import Stage
-from workbench.fitting.parallel_axes import parallelism_warnings
-from workbench.fitting.plans import default_plan, read_plan
+from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
+from workbench.fitting.calibration_plans.plans import default_plan, read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compare import compare
 from workbench.jobs.robot.simulate import simulate, truth_of

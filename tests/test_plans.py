@@ -10,7 +10,7 @@ from scenes import ABB, KINDS, SLIDING, scene
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
-from workbench.fitting.plans import default_plan, read_plan
+from workbench.fitting.calibration_plans.plans import default_plan, read_plan
 from workbench.jobs.robot.calibrate import calibrate
 
 GOOD = """

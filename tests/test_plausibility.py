@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import datasets
 from conftest import mostly_slow
-from datasets.columns import joint_columns
+from datasets.samples.columns import joint_columns
 from erring_scenes import erring
 from plain_frames import frames_of
 from pose_scenes import random_arm

@@ -14,8 +14,8 @@ from scenes import BALLS, KINDS, scene
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import Model
 from workbench.core.solution import Stage
+from workbench.fitting.calibration_plans.plans import frames_of
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plans import frames_of
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 from workbench.jobs.robot.calibrate import calibrate
 

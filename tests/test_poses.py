@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from robot_model import load_robot
-from robot_model.clearance import hidden_by_others, segment_distance, self_clearance
+from robot_model.postures.clearance import hidden_by_others, segment_distance, self_clearance
 from robot_model.system import bind, geometry_free
 from scenes import scene
 from workbench.core.errors import InputError
@@ -15,7 +15,7 @@ from workbench.core.least_squares.design import choose
 from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
-from workbench.fitting.plans import geometry
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.poses import choose_poses, write_poses
 

@@ -5,14 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.model import mapping_from_keys, read_mapping, write_mapping
-from datasets.importers.sources.program_frames import StatedFrames
-from datasets.importers.sources.program_patch import patched_program
+from datasets.importers.sources.programs.program_frames import StatedFrames
+from datasets.importers.sources.programs.program_patch import patched_program
 from datasets.importers.user_tables import frames_of, read_targets
-from datasets.schemas import mapping_schema
+from datasets.recording_files.schemas import mapping_schema
 from robot_model import load_robot
 from robot_model.state import sliding
 from workbench.core.errors import InputError
-from workbench.core.sections import Placement
+from workbench.core.text.sections import Placement
 
 SLIDING = sliding(load_robot("abb_irb120")).tolist()
 TOOL = Placement(xyz_mm=[12.0, -30.0, 145.0], rpy_deg=[20.0, -35.0, 50.0])

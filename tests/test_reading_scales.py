@@ -9,7 +9,7 @@ from import_scenes import pose_scene, simulated
 from robot_model import load_robot
 from robot_model.measurements import samples_of
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.reading_scales import scaled_readings
+from workbench.fitting.plausibility.joint_columns.reading_scales import scaled_readings
 
 CAUSE = "reading-scale"
 

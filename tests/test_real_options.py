@@ -17,7 +17,7 @@ from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search import options
 from workbench.diagnosis.search.select import find
-from workbench.explanation.statements import label_of
+from workbench.explanation.sentences.statements import label_of
 
 SPAN = 20.0 * 219  # s, of `recorded`
 CONSTANTS = SPAN * np.geomspace(0.03, 1.0, 10)

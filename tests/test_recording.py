@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import datasets
-from datasets.columns import KINDS
 from datasets.recording import Recording
+from datasets.samples.columns import KINDS
 from good_recordings import write_good
 
 

@@ -15,9 +15,9 @@ from broken_recordings import (
     sub,
     with_flange,
 )
-from datasets.columns import FLANGE
 from datasets.errors import InputError
 from datasets.recording import Recording
+from datasets.samples.columns import FLANGE
 from good_recordings import real_set, write_good
 
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import datasets
-from datasets import keys
-from datasets.columns import BOOKKEEPING, FLANGE, KINDS
-from datasets.images import ROLES
+from datasets.recording_files import keys
+from datasets.recording_files.images import ROLES
+from datasets.samples.columns import BOOKKEEPING, FLANGE, KINDS
 from good_recordings import write_good
 from robot_model import builtin_robots, load_robot
 from robot_model.measurements import samples_of
 from robot_model.system import bind
 from workbench.core.errors import InputError
-from workbench.core.robot_file import Joint, RobotFile
+from workbench.core.robot_files.robot_file import Joint, RobotFile
 
 PAGE = (Path(__file__).parents[1] / "docs" / "recording-format.md").read_text(encoding="utf-8")
 BOARD = {"kind": '"chessboard"', "columns": "11", "rows": "8", "square_mm": "5.0"}

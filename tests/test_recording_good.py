@@ -3,7 +3,7 @@
 import pytest
 
 import datasets
-from datasets.columns import KINDS
+from datasets.samples.columns import KINDS
 from good_recordings import POSES, write_good
 
 

@@ -165,7 +165,7 @@ def test_axes_of_a_study_have_the_unit_that_is_stated_or_at_the_end_of_a_name(
 
 
 def test_small_numbers_are_powers_of_ten():
-    from workbench.explanation.words import measured
+    from workbench.explanation.sentences.words import measured
 
     assert measured(-3.39e-5, None, "") == "−3.39·10⁻⁵"
     assert measured(0.012, None, "rad") == "12 mrad"

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from datasets.rows import Rows
+from datasets.recording_files.rows import Rows
 from workbench.commands.shared import answer
 from workbench.files.spool import Made, Spool
 

@@ -9,7 +9,7 @@ import pytest
 from ball_scenes import cap
 from scanner_kinds import SCANNER
 from sensors.ball.fit import fit_ball
-from sensors.scanner.misfit import Misfit
+from sensors.scanner.residuals.misfit import Misfit
 from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.jobs.sensor.scan import Ball, Scan

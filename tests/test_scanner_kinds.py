@@ -16,8 +16,8 @@ from scanner_kinds import SIGMA_PX, bound, cloud_of, seen_stripes
 from sensors.ball.fit import fit_ball
 from sensors.boards.detection import View
 from sensors.camera.model import Camera
-from sensors.scanner.misfit import stripe_misfit
 from sensors.scanner.motion import twists_of
+from sensors.scanner.residuals.misfit import stripe_misfit
 from sensors.scanner.turntable import Turntable, is_full_revolution
 from sensors.scanner.turntable_calibration import calibrate_turntable
 from workbench.commands import cli

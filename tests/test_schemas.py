@@ -10,10 +10,10 @@ from importlib import util
 import pytest
 
 from conftest import ROOT
-from datasets.keys import SECTIONS
-from datasets.schemas import mapping_schema, recording_schema, samples_schema
+from datasets.recording_files.keys import SECTIONS
+from datasets.recording_files.schemas import mapping_schema, recording_schema, samples_schema
 from workbench.core.errors import InputError
-from workbench.core.robot_file import RobotFile, checked_robot_file
+from workbench.core.robot_files.robot_file import RobotFile, checked_robot_file
 from workbench.recordings.templates import write_template
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -64,7 +64,7 @@ def _cell(text: str):
     ("folder", "name"),
     [
         ("robot_model/robots", "robot"),
-        ("workbench/fitting/plan_files", "plan"),
+        ("workbench/fitting/calibration_plans/plan_files", "plan"),
         ("workbench/studies/study_files", "study"),
     ],
 )
@@ -98,7 +98,7 @@ def _is(path, name) -> bool:
     ],
 )
 def test_a_wrong_recording_is_refused_by_schema_and_reader(change):
-    from datasets.keys import RECORDING, check_keys
+    from datasets.recording_files.keys import RECORDING, check_keys
 
     keys = {"format": "recording/1", "measures": "external-point", "samples": {"file": "s.csv"}}
     assert accepts(recording_schema(), keys)

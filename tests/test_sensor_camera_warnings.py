@@ -7,15 +7,15 @@ import pytest
 
 from sensors.boards.board import Board
 from sensors.camera.calibration import calibrate_camera
-from sensors.camera.displaced_lines import (
+from sensors.camera.correlated_errors.displaced_lines import (
     DisplacedLine,
     PoseTables,
     displaced_lines,
     with_held_out,
 )
+from sensors.camera.correlated_errors.random_effects import Reduced
+from sensors.camera.correlated_errors.shared_effects import BoardLine
 from sensors.camera.model import Camera
-from sensors.camera.random_effects import Reduced
-from sensors.camera.shared_effects import BoardLine
 from test_sensor_camera_doubts import seen_by
 from workbench.fitting.verdicts.sensor_verdict import camera_warnings
 

@@ -20,7 +20,7 @@ from workbench.explanation.sensor_errors import (
     random_focal_error,
     with_random_errors,
 )
-from workbench.explanation.statements import statement
+from workbench.explanation.sentences.statements import statement
 from workbench.fitting.verdicts.sensor_verdict import camera_warnings
 from workbench.jobs.sensor.camera import focal_json
 

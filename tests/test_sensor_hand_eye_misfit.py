@@ -9,7 +9,7 @@ from hand_eye_scenes import CAMERA, images, off
 from sensors.boards.board import Board
 from sensors.boards.detection import View
 from sensors.camera.calibration import calibrate_camera
-from sensors.camera.random_effects import Reduced, restricted_variances
+from sensors.camera.correlated_errors.random_effects import Reduced, restricted_variances
 from sensors.hand_eye.images import hand_eye_from_views
 from workbench.fitting.verdicts.hand_eye_verdict import handeye_warnings
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.scanner.line_dependence import line_dependence
+from sensors.scanner.residuals.line_dependence import line_dependence
 
 NOISE, STRIPES, LENGTH = 0.04, 40, 160
 

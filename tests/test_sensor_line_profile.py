@@ -16,7 +16,7 @@ from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.explanation.result import AMBIGUOUS, EXPLAINED, verdict_of
 from workbench.explanation.sensor_errors import ghost_line_terms, image_terms
-from workbench.explanation.statements import statement
+from workbench.explanation.sentences.statements import statement
 from workbench.fitting.verdicts.line_doubts import LineDoubt
 
 WIDTH = 1.2  # px

@@ -12,10 +12,10 @@ from sensors.camera.model import Camera
 from sensors.light.planes import light_origin
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.model import Scanner
-from sensors.stripe.brightness import Brightness, brightness_law
 from sensors.stripe.find import find_stripes
-from sensors.stripe.light_direction import light_on_ball
-from sensors.stripe.surface_line import LineShape, SurfaceLine
+from sensors.stripe.surface_bias.brightness import Brightness, brightness_law
+from sensors.stripe.surface_bias.light_direction import light_on_ball
+from sensors.stripe.surface_bias.surface_line import LineShape, SurfaceLine
 from workbench.jobs.sensor.scan import INCIDENCE_DEG, _fitted
 
 SIZE, FOCAL, RADIUS = (320, 240), 450.0, 18.0

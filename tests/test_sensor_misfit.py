@@ -9,9 +9,9 @@ from scipy.ndimage import gaussian_filter1d
 import datasets
 from sensor_recordings import scanner_recording
 from sensors.scanner.calibration import calibrate_scanner
-from sensors.scanner.line_dependence import LineDependence
-from sensors.scanner.misfit import stripe_misfit
-from sensors.scanner.rejected_points import RejectedPoints
+from sensors.scanner.residuals.line_dependence import LineDependence
+from sensors.scanner.residuals.misfit import stripe_misfit
+from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.find import find_stripes
 from workbench.fitting.verdicts.sensor_verdict import scanner_verdict, scanner_warnings

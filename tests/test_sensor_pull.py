@@ -7,8 +7,8 @@ import pytest
 
 from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
-from sensors.stripe.centre_bias import estimate_centre_bias
-from sensors.stripe.surface_line import LineShape
+from sensors.stripe.surface_bias.centre_bias import estimate_centre_bias
+from sensors.stripe.surface_bias.surface_line import LineShape
 from test_sensor_line_shape import RADIUS, TRUE, light_planes, measured
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sensors.scanner.rejected_points import rejected_points
+from sensors.scanner.residuals.rejected_points import rejected_points
 
 
 def stripes(seed=3, poses=8, steps=10, points=50):

@@ -18,7 +18,7 @@ from rendered_scanner import (
 )
 from sensors.rendering import BallSurface, laser_light
 from sensors.stripe.find import find_stripes
-from sensors.stripe.surface_line import line_on_ball
+from sensors.stripe.surface_bias.surface_line import line_on_ball
 
 TINY = {
     "mirror": {"steps": 10, "first_deg": -3.0, "last_deg": 3.0},

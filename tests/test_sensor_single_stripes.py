@@ -12,7 +12,7 @@ from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import scanner_of, scanner_text
 from sensors.scanner.model import Scanner
-from sensors.stripe.surface_line import LineShape, line_on_ball
+from sensors.stripe.surface_bias.surface_line import LineShape, line_on_ball
 from workbench.core.errors import InputError
 from workbench.core.text.structured_text import parse_toml
 from workbench.jobs.sensor.scan import _Work

@@ -11,7 +11,7 @@ from plane_scenes import CAMERA, HALF_DIAGONAL, MIDDLE, mirror
 from sensors.camera.model import Camera
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.straight import straightened, unshaded
-from sensors.stripe.surface_line import LineShape, line_on_ball, line_on_boards
+from sensors.stripe.surface_bias.surface_line import LineShape, line_on_ball, line_on_boards
 from workbench.core.rigid import rotation_matrix
 
 PINHOLE = Camera.of([1700.0, 1700.0, 640.0, 512.0, 0.0, 0.0, 0.0, 0.0, 0.0], (1280, 1024))

@@ -12,7 +12,7 @@ from sensor_recordings import handeye_recording, scanner_recording
 from sensors.ball.fit import fit_ball
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import read_scanner, write_scanner
-from sensors.scanner.misfit import Misfit
+from sensors.scanner.residuals.misfit import Misfit
 from sensors.trust import Trust, trust_from_keys
 from workbench.commands import cli
 from workbench.core.errors import InputError

@@ -22,7 +22,7 @@ from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.explanation.answer import diagnose
 from workbench.explanation.final_model import FinalModel
 from workbench.explanation.noise.correlated_noise import correlated_noise
-from workbench.explanation.statements import statement
+from workbench.explanation.sentences.statements import statement
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from robot_model.effects import CATALOGUE
 from scenes import model_of, observed, scene
 from workbench.core.effect import make_effects
 from workbench.core.least_squares.solver import solve
-from workbench.fitting.shrinkage import rescaled, settled
+from workbench.fitting.priors.shrinkage import rescaled, settled
 from workbench.jobs.robot.calibrate import calibrate
 
 WAVES = [("transmission-harmonic", f"joint-{k}", {"order": n}) for k in range(1, 7) for n in (1, 2)]

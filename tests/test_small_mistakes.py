@@ -6,7 +6,7 @@ import pytest
 
 from erring_scenes import erring
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.small_mistakes import untested_signs
+from workbench.fitting.plausibility.joint_columns.small_mistakes import untested_signs
 from workbench.recordings.inspection import inspect_recording
 
 NEAR_THE_AXIS = {1: (0.4, 0.3, 60.0)}

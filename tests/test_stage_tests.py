@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from datasets.makers import gubankov
+from workbench.fitting.calibration_plans.stage_tests import is_retained, partial_f_p_value
 from workbench.fitting.cross_validation import HeldOut
-from workbench.fitting.stage_tests import is_retained, partial_f_p_value
 from workbench.jobs.robot.calibrate import calibrate
 
 N, FOLD = 100, np.repeat(np.arange(10), 10)

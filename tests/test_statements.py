@@ -1,8 +1,8 @@
 """Sentences of findings."""
 
 from workbench.diagnosis.linear.problem import Alternative, Finding
-from workbench.explanation import statements
 from workbench.explanation.result import Term
+from workbench.explanation.sentences import statements
 
 
 def test_noise_findings_are_described_in_words():

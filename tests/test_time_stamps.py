@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from datasets.importers.mapping.joined_tables.time_stamps import seconds_of_stamps
 from datasets.importers.mapping.model import read_mapping
-from datasets.importers.mapping.time_stamps import seconds_of_stamps
 from import_scenes import SCENE, degrees, simulated
 from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording

@@ -14,9 +14,9 @@ import datasets
 from conftest import ROOT
 from robot_model.effects import CATALOGUE
 from workbench.core.effect import Effect
-from workbench.explanation import words
 from workbench.explanation.answer import diagnose
-from workbench.fitting.plans import read_plan
+from workbench.explanation.sentences import words
+from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.simulate import simulate
 from workbench.proving import planting

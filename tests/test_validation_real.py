@@ -4,20 +4,18 @@ The recordings are other people's and no part of this project: a test is skipped
 """
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robot_model import load_robot
 from robot_model.system import bind
-from workbench import fitting as package
 from workbench.core.model import Model
+from workbench.fitting.calibration_plans.plans import PLAN_FILES, geometry
 from workbench.fitting.cross_validation import hold_out
-from workbench.fitting.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate
 
-BENDING = Path(package.__file__).parent / "plan_files" / "geometry-compliance-bending.toml"
+BENDING = PLAN_FILES / "geometry-compliance-bending.toml"
 pytestmark = pytest.mark.slow
 
 

@@ -8,7 +8,6 @@ what they would tell, come nearer than poses drawn at random.
 
 from dataclasses import replace
 from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +16,9 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.elastic import YeCompliance
 from robot_model.system import bind
-from workbench import fitting as package
 from workbench.core.effect import make_effects, numeric_derivative
 from workbench.core.model import Model
-from workbench.fitting.plans import read_plan
+from workbench.fitting.calibration_plans.plans import PLAN_FILES, read_plan
 from workbench.jobs.robot.calibrate import calibrate
 
 ye = pytest.importorskip(
@@ -30,7 +28,7 @@ pytest.importorskip("mujoco")
 
 NOISE_MM, FIT = 0.02, 100
 FLOOR_MM = NOISE_MM * np.sqrt(3)
-PLAN = read_plan(Path(package.__file__).parent / "plan_files" / "ye-2024.toml")
+PLAN = read_plan(PLAN_FILES / "ye-2024.toml")
 TABLE = ye.SECOND
 pytestmark = pytest.mark.slow
 

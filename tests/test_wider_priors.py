@@ -11,7 +11,7 @@ from test_joint_curve import with_curves
 from test_shrinkage import waved
 from workbench.core.least_squares.solver import solve
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.fitting.wider_priors import widened
+from workbench.fitting.priors.wider_priors import widened
 from workbench.jobs.robot.simulate import simulate
 
 SCENE = {

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.columns import AXES, POINT, QUATERNION, joint_columns
 from datasets.recording import Recording
+from datasets.samples.columns import AXES, POINT, QUATERNION, joint_columns
 from robot_model import load_robot
 from robot_model.system import bind
 from workbench.core.model import Model

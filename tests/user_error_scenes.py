@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import datasets
-from datasets.columns import POINT, QUATERNION
 from datasets.recording import Recording
+from datasets.samples.columns import POINT, QUATERNION
 from robot_model.measurements import samples_of
 from workbench.files.scene import Scene
 from workbench.jobs.robot.simulate import truth_from

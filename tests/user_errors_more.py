@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import user_error_changes as changes
-from datasets.columns import POINT, QUATERNION, joint_columns
+from datasets.samples.columns import POINT, QUATERNION, joint_columns
 from user_error_scenes import _BALLS, _scene
 from user_errors import MISTAKES, Mistake
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from catalogue_entries import Entry
 from workbench.explanation.final_model import residuals_of
-from workbench.explanation.words import covariate
+from workbench.explanation.sentences.words import covariate
 from workbench.report.diagnosis.figures import binned, shown_covariate
 
 _BLUE, _ORANGE, _INK = "#1f83c4", "#d9730d", "#333333"

@@ -11,7 +11,7 @@ import catalogue_robot
 import catalogue_sensor
 from catalogue_entries import ORTHOGONAL_SIGMA, Entry
 from catalogue_images import draw
-from workbench.explanation.words import law, length
+from workbench.explanation.sentences.words import law, length
 
 ROOT = Path(__file__).parents[1]
 PAGE, IMAGES = ROOT / "docs" / "catalogue.md", ROOT / "docs" / "catalogue"

@@ -15,7 +15,7 @@ from workbench.core.model import NOISE
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.planning.candidate_recordings import list_candidates
 from workbench.explanation.planning.experiment import ConfoundedPair, compared, describe_comparison
-from workbench.explanation.words import measured
+from workbench.explanation.sentences.words import measured
 from workbench.jobs.robot.simulate import simulate
 
 _CAUSES = {

@@ -15,7 +15,7 @@ from sensors.effects import CATALOGUE
 from sensors.rendering import Scene, make_recording
 from workbench.diagnosis.scanner.sensor import SensorBench, bench_of
 from workbench.diagnosis.scanner.sensor_simulate import simulated, solved
-from workbench.explanation.words import measured
+from workbench.explanation.sentences.words import measured
 from workbench.jobs.sensor.chains import Chains
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -14,7 +14,7 @@ from datasets.makers import liu
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.beam_spheres import A2, BeamFit, calibrate_beams
-from workbench.fitting.plans import geometry as geometry_stage
+from workbench.fitting.calibration_plans.plans import geometry as geometry_stage
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 HERE = Path(__file__).parents[1] / "docs" / "gallery"

@@ -40,7 +40,7 @@ Gaussian by
 
     c = a² (l − (f2/f1) (3 − q a²/w²)),    a = s/f1
 
-(`sensors/stripe/surface_line.py` defines the symbols). Almost without noise the formula agrees with rendered lines to
+(`SurfaceLine` in `sensors/stripe` defines the symbols). Almost without noise the formula agrees with rendered lines to
 5 % (2 % with the true s); the remainder is 0.0012 px of 0.0105 px RMS (tests/test_sensor_rendered.py). The effect is
 physical and not an artefact of the renderer. Its size is s²/R times a function of both angles: 0.03 px at an incidence
 of 66°, and −0.8 µm in the centre of this ball along the direction of the mirror. It is ten times as large for a light

@@ -13,7 +13,7 @@ from datasets.makers import gubankov
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.published.touch_pairs import PairFit, calibrate_pairs, pairs_of, start_tip
-from workbench.fitting.plans import geometry as geometry_stage
+from workbench.fitting.calibration_plans.plans import geometry as geometry_stage
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 
 HERE = Path(__file__).parents[1] / "docs" / "gallery"

@@ -20,11 +20,11 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from datasets.makers import ye  # noqa: E402
-from datasets.mujoco_arm import pose, reflector_points  # noqa: E402
+from datasets.makers.mujoco_arm import pose, reflector_points  # noqa: E402
 from robot_model import load_robot  # noqa: E402
 from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.files.solution_file import read_solution  # noqa: E402
-from workbench.fitting.plans import geometry  # noqa: E402
+from workbench.fitting.calibration_plans.plans import geometry  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate, save  # noqa: E402
 from workbench.jobs.robot.compensation.compensate import compensate, nominal_poses  # noqa: E402
 from workbench.jobs.robot.poses import CRITERIA, Chosen, choose_poses  # noqa: E402

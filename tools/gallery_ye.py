@@ -26,7 +26,7 @@ from datasets.makers import ye  # noqa: E402
 from robot_model.effects import CATALOGUE  # noqa: E402
 from workbench.core.effect import make_effects  # noqa: E402
 from workbench.core.least_squares.solver import solve  # noqa: E402
-from workbench.fitting.plans import read_plan  # noqa: E402
+from workbench.fitting.calibration_plans.plans import read_plan  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 
 PAGE = ROOT / "docs" / "gallery" / "unified-kinematic-compliance.md"

@@ -10,12 +10,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from datasets.schemas import DRAFT, mapping_schema, recording_schema, samples_schema
+from datasets.recording_files.schemas import DRAFT, mapping_schema, recording_schema, samples_schema
 from sensors.rendering.scene import Scene as SensorScene
 from sensors.scanner.file import _File as ScannerFile
-from workbench.core.robot_file import RobotFile
+from workbench.core.robot_files.robot_file import RobotFile
 from workbench.files.scene import Scene as RobotScene
-from workbench.fitting.plans import plan_schema
+from workbench.fitting.calibration_plans.plans import plan_schema
 from workbench.studies.spec import Study
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

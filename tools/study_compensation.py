@@ -24,14 +24,14 @@ from robot_model import load_robot  # noqa: E402
 from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.core.solution import Stage  # noqa: E402
 from workbench.explanation.answer import diagnose  # noqa: E402
-from workbench.explanation.corrected_model import write_model  # noqa: E402
+from workbench.explanation.output.corrected_model import write_model  # noqa: E402
 from workbench.files.solution_file import (  # noqa: E402
     CalibratedArm,
     read_solution,
     robot_keys,
     solution_keys,
 )
-from workbench.fitting.plans import geometry  # noqa: E402
+from workbench.fitting.calibration_plans.plans import geometry  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 from workbench.jobs.robot.compensation.compensate import (  # noqa: E402
     COVERAGE_FACTOR,

@@ -27,7 +27,7 @@ from datasets.makers import planted  # noqa: E402
 from robot_model import load_robot  # noqa: E402
 from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.explanation.answer import diagnose  # noqa: E402
-from workbench.explanation.corrected_model import write_model  # noqa: E402
+from workbench.explanation.output.corrected_model import write_model  # noqa: E402
 from workbench.files.exports.mjcf import control_terms, mjcf  # noqa: E402
 from workbench.files.exports.python import python_module  # noqa: E402
 from workbench.files.solution_file import CalibratedArm, read_solution  # noqa: E402

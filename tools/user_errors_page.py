@@ -17,7 +17,7 @@ from robot_model import load_robot  # noqa: E402
 from user_error_scenes import REAL, SIMULATED, simulated  # noqa: E402
 from user_errors import MISTAKES, RIGHT, is_absorbed, judged  # noqa: E402
 from workbench.core.errors import InputError  # noqa: E402
-from workbench.fitting.plans import geometry  # noqa: E402
+from workbench.fitting.calibration_plans.plans import geometry  # noqa: E402
 from workbench.fitting.plausibility import check_plausibility  # noqa: E402
 from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 

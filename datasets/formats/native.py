@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from datasets import registry
-from datasets.columns import FLANGE
 from datasets.errors import complaint
 from datasets.recording import Recording
+from datasets.samples.columns import FLANGE
 
 POINT = ("x_mm", "y_mm", "z_mm")
 NOMINAL = "nominal values given with the measurements"

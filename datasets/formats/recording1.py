@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.arms import read_robot
-from datasets.checks import Context, check_samples
-from datasets.columns import GROUPS, KINDS, TEXT, joint_columns, misspelt
 from datasets.errors import complaint
 from datasets.files import inside, label, read_toml
 from datasets.formats.table import Table, read_table
-from datasets.images import read_images
-from datasets.keys import RECORDING, SECTIONS, check_keys
-from datasets.plausible import check_plausible
 from datasets.recording import Recording
+from datasets.recording_files.arms import read_robot
+from datasets.recording_files.images import read_images
+from datasets.recording_files.keys import RECORDING, SECTIONS, check_keys
+from datasets.samples.checks import Context, check_samples
+from datasets.samples.columns import GROUPS, KINDS, TEXT, joint_columns, misspelt
+from datasets.samples.plausible import check_plausible
 
 _NOMINAL_RADIUS_MM = 10.0
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import INTEGERS
 from datasets.errors import complaint
 from datasets.recording import Recording
-from workbench.core.robot_description import copy_description
+from datasets.samples.columns import INTEGERS
+from workbench.core.robot_files.robot_description import copy_description
 from workbench.core.text.csv_text import write_rows
 from workbench.core.vocabulary import Covariate
 

@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import InputError, complaint
 from datasets.files import read_text
 from datasets.formats.table import Table, UserColumns, read_table
@@ -25,21 +24,22 @@ from datasets.importers.mapping.candidates import (
     length_units,
     rotation_candidates,
 )
-from datasets.importers.mapping.column_units import (
+from datasets.importers.mapping.columns.column_units import (
     OPEN,
     ColumnUnits,
     each_unit,
     joined_units,
     unit_toml,
 )
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.model import QUANTITIES, Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
 from datasets.importers.sources.choice import read_sources
-from datasets.importers.sources.program_frames import NOTHING_STATED, StatedFrames
-from datasets.importers.sources.robot_programs import NAME_OF_POSITION, read_robot_program
+from datasets.importers.sources.programs.program_frames import NOTHING_STATED, StatedFrames
+from datasets.importers.sources.programs.robot_programs import NAME_OF_POSITION, read_robot_program
 from datasets.importers.units import ANGLES, DMS, LENGTHS, degrees_of
+from datasets.samples.columns import POINT, QUATERNION, joint_columns
 
 _PARQUET = (".parquet", ".pq")
 _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")

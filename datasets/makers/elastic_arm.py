@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.makers import folder, poses
-from datasets.mujoco_arm import (
+from datasets.makers.mujoco_arm import (
     Arm,
     Gap,
     Slip,

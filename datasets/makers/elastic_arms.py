@@ -2,7 +2,7 @@
 
 `make(seed)` draws an arm (a small arm with a sensor and balls, the same with a tracker, an ABB IRB 120 or a large
 arm with a tracker), true lengths and masses that differ from the nominal file, and compliances of every joint, of the
-links and of the pedestal at once. The diagnosis never sees the engine: statics are solved by `datasets.mujoco_arm`.
+links and of the pedestal at once. The diagnosis never sees the engine: statics are solved by `mujoco_arm`.
 
 Sizes are drawn, not fitted: the compliance of a joint scales with the size of the robot, and a link has 1/50 to 1/5 of
 the compliance of the joint that carries it, as identified for industrial arms (Dumas, Caro, Garnier & Furet, Robot.
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.makers import elastic_arm, folder
-from datasets.mujoco_arm import Arm, arm_from_robot, pose, reflector_points, rest
+from datasets.makers.mujoco_arm import Arm, arm_from_robot, pose, reflector_points, rest
 
 KINDS = ("small-sensor", "small-tracker", "irb120", "large")
 SIGMA_MM = 0.03

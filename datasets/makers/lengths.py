@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.makers import elastic_arm, folder
-from datasets.mujoco_arm import reflector_points, rest
+from datasets.makers.mujoco_arm import reflector_points, rest
 
 REFLECTOR = (35.0, -20.0, 90.0)
 NOISE_MM = 0.005

@@ -2,7 +2,7 @@
 
 `make(seed, parameters, physics, noise)` draws an arm, how many parameters of its geometry differ, which effects the
 simulation does not hold, and by which factor the noise is stated wrongly. `true_points` are those at other poses.
-The truth is solved by `datasets.mujoco_arm`, which shares no code with the kinematics and statics of the workbench.
+The truth is solved by `mujoco_arm`, which shares no code with the kinematics and statics of the workbench.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.makers import elastic_arm, elastic_arms, folder
-from datasets.mujoco_arm import (
+from datasets.makers.mujoco_arm import (
     Arm,
     Gap,
     Harmonic,

@@ -31,7 +31,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import folder, poses
-from datasets.mujoco_arm import (
+from datasets.makers.mujoco_arm import (
     STANDARD_GRAVITY,
     Arm,
     Harmonic,

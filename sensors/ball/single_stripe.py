@@ -3,7 +3,7 @@
 A light plane cuts a ball of radius R in a circle of radius r. The same circle lies on a ball on the other side of the
 plane, both sqrt(R^2 - r^2) away from it, and on balls of other radii. They turn their surface to the camera in other
 ways, however, and where a surface is steeper the light plane makes a narrower or wider line
-(`sensors.stripe.surface_line.SurfaceLine.width_square`). With ln(width^2 / expected^2) = offset + noise of the rows,
+(`surface_line.SurfaceLine.width_square`). With ln(width^2 / expected^2) = offset + noise of the rows,
 the offset N(0, 0.08^2) for all rows (the light plane's thickness changes with distance, a surface that lets light in
 widens the line), the logarithm of the likelihoods' ratio is half the difference of their chi-squares."""
 

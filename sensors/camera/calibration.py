@@ -19,12 +19,18 @@ from sensors.camera.checks import (
     rms,
 )
 from sensors.camera.corners import Corners
+from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
+from sensors.camera.correlated_errors.misfit import Misfit, bundle_misfit, lines_left_out
+from sensors.camera.correlated_errors.shared import (
+    UNLIKELY,
+    LensMap,
+    PrintErrors,
+    lens_map,
+    print_errors,
+)
 from sensors.camera.curvature import Curved, curved
-from sensors.camera.displaced_lines import DisplacedLine
 from sensors.camera.focal_scatter import FocalScatter, focal_scatter
-from sensors.camera.misfit import Misfit, bundle_misfit, lines_left_out
 from sensors.camera.model import Camera
-from sensors.camera.shared import UNLIKELY, LensMap, PrintErrors, lens_map, print_errors
 from sensors.camera.start import MODELS, corner_chain, placement_groups
 from sensors.camera.suspect_views import FAR
 from sensors.camera.two_cameras import TwoCameras, find_two_cameras

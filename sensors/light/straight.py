@@ -1,6 +1,6 @@
 """Stripes on tilted boards are asymmetric: the bias of their centres is subtracted before planes are fitted to them.
 
-A tilted board is imaged larger and lit more where it is nearer. `sensors.stripe.surface_line` computes the bias of the
+A tilted board is imaged larger and lit more where it is nearer. `surface_bias.surface_line` computes the bias of the
 centre, some thousandths of a pixel, equal for all stripes of a board pose: planes from many stripes are known better
 than that.
 """
@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from sensors.light.board_chain import BoardStripeChain
-from sensors.stripe.surface_line import LineShape, SurfaceLine, line_on_boards
+from sensors.stripe.surface_bias.surface_line import LineShape, SurfaceLine, line_on_boards
 from workbench.core.rigid import rotation_matrix
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sensors.effects.laser import PlaneBow
 from sensors.scanner.calibration import ScannerCalibration
-from sensors.scanner.misfit import Misfit, stripe_misfit
+from sensors.scanner.residuals.misfit import Misfit, stripe_misfit
 from workbench.core.effect import Effect
 from workbench.core.text.uncertain import with_std
 

@@ -16,11 +16,11 @@ from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
-from sensors.scanner.line_dependence import LineDependence, line_dependence
 from sensors.scanner.model import Scanner
-from sensors.scanner.rejected_points import RejectedPoints, rejected_points
+from sensors.scanner.residuals.line_dependence import LineDependence, line_dependence
+from sensors.scanner.residuals.rejected_points import RejectedPoints, rejected_points
 from sensors.scanner.shared import own_noise, with_shared_errors
-from sensors.stripe.surface_line import LineShape
+from sensors.stripe.surface_bias.surface_line import LineShape
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 

@@ -10,8 +10,8 @@ from sensors.ball.shared import Common
 from sensors.scanner.errors import by_rays
 from sensors.scanner.model import Scanner
 from sensors.scanner.motion import Motion, Seen
-from sensors.stripe.light_direction import light_on_ball
-from sensors.stripe.surface_line import SurfaceLine, line_on_ball
+from sensors.stripe.surface_bias.light_direction import light_on_ball
+from sensors.stripe.surface_bias.surface_line import SurfaceLine, line_on_ball
 
 _GRAZING = 0.1  # cosine of the incidence of sight below which the silhouette cuts the line
 

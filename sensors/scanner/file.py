@@ -22,7 +22,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable import Turntable
-from sensors.stripe.surface_line import LineShape
+from sensors.stripe.surface_bias.surface_line import LineShape
 from sensors.trust import trust_from_keys
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError

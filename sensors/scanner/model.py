@@ -14,7 +14,7 @@ from sensors.light.planes import light_origin
 from sensors.scanner.errors import by_pixel, cut, frame_moves
 from sensors.scanner.turntable import Turntable
 from sensors.state import SensorState, stripe_direction
-from sensors.stripe.surface_line import LineShape
+from sensors.stripe.surface_bias.surface_line import LineShape
 from sensors.trust import Trust
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from datasets.recording import Recording
 from robot_model import builtin_robots
-from robot_model.loading import whole_keys
-from workbench.core.builtin_names import state_builtin_names
+from robot_model.files.loading import whole_keys
 from workbench.core.errors import InputError
+from workbench.core.robot_files.builtin_names import state_builtin_names
 
 __all__ = ["Recording", "load_example", "read"]
 

@@ -13,7 +13,7 @@ from workbench.app.data.numbers import rows_of
 from workbench.app.data.opened import Opened, newest_diagnosis, open_subject
 from workbench.app.data.plan import DIAGNOSE
 from workbench.app.data.prediction import lengths_by_number, predicted_lengths
-from workbench.app.data.sample_images import sample_images
+from workbench.app.data.recorded_images.sample_images import sample_images
 from workbench.app.data.summaries import Summaries
 from workbench.app.edits.apply import kept_rows
 from workbench.app.edits.changes import (

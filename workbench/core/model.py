@@ -60,7 +60,7 @@ class Model:
         effects: Modelled effects; each perturbs one port of the chain.
 
     Examples:
-        >>> from robot_model.loading import load_robot
+        >>> from robot_model.files.loading import load_robot
         >>> from robot_model.system import bind
         >>> recording = wb.load_example("elastic-arm")
         >>> model = wb.Model(bind(load_robot(recording.robot), recording))

@@ -72,7 +72,7 @@ class Solution:
 
     Examples:
         >>> from workbench.jobs.robot.calibrate import calibrate
-        >>> from workbench.fitting.plans import read_plan
+        >>> from workbench.fitting.calibration_plans.plans import read_plan
         >>> stages = read_plan("ye-mdh")
         >>> solution = calibrate(wb.load_example("elastic-arm"), stages, folds=4).solution
         >>> solution.residual.shape, solution.converged

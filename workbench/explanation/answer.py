@@ -21,9 +21,8 @@ from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.diagnosis.validation.correlated_noise import with_correlated_noise
 from workbench.diagnosis.validation.folds import LEAST_FOLDS, schemes, tested_samples
-from workbench.explanation import reference as references
-from workbench.explanation import statements, words
-from workbench.explanation.differences import with_differences
+from workbench.explanation.comparison import reference as references
+from workbench.explanation.comparison.differences import with_differences
 from workbench.explanation.final_model import FinalModel, residuals_of, stated_sigma, unwhitened
 from workbench.explanation.fixed_points import fixed_points
 from workbench.explanation.minimal_detectable_bias import minimal_detectable_biases
@@ -38,7 +37,6 @@ from workbench.explanation.planning.experiment import (
     missing_of,
     next_experiment,
 )
-from workbench.explanation.plausible_values import implausible_values
 from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
@@ -55,6 +53,8 @@ from workbench.explanation.sensor_errors import (
     with_random_errors,
     without_jitter,
 )
+from workbench.explanation.sentences import statements, words
+from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.unexplained import (
     contains_structure,

@@ -16,7 +16,7 @@ from workbench.core.least_squares.solver import pose_scores
 from workbench.core.rigid import rotation_matrix
 from workbench.diagnosis.robot.library import variants
 from workbench.explanation.result import Term
-from workbench.explanation.words import length, listed
+from workbench.explanation.sentences.words import length, listed
 
 _PART, _LEAST = (
     0.2,

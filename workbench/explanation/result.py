@@ -9,8 +9,8 @@ from workbench.core.model import NOISE
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Found, Located
 from workbench.diagnosis.validation.terms import Control, Proof, Term
+from workbench.explanation.comparison.reference import Shares
 from workbench.explanation.minimal_detectable_bias import DetectableBias
-from workbench.explanation.reference import Shares
 from workbench.fitting.verdicts.diagnosis_verdict import NOISE_LEVELS
 from workbench.jobs.sensor.turntables import turntable_json
 

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.special import chdtrc
 
 from datasets.recording import Recording
-from sensors.camera.displaced_lines import DisplacedLine
+from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
 from sensors.effects.laser import GhostLine
 from sensors.effects.optics import Blooming, FocusBreathing, LensResidual
 from sensors.effects.recorded import BoardPointErrors
-from sensors.scanner.rejected_points import RejectedPoints
+from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.second_line import SecondLine
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import CONFIDENCE, CRITICAL_T
@@ -25,7 +25,7 @@ from workbench.diagnosis.scanner.random_focal_length import (
 )
 from workbench.diagnosis.validation.held_out import rms
 from workbench.explanation.result import Proof, Term
-from workbench.explanation.statements import LINE_STRUCTURE
+from workbench.explanation.sentences.statements import LINE_STRUCTURE
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
 _SAME_POINTS = "displaces the same points"

@@ -6,9 +6,9 @@ import numpy as np
 
 from robot_model.measurements import samples_of
 from workbench.core.least_squares.solver import solve
-from workbench.explanation.reference import Reference, bound
+from workbench.explanation.comparison.reference import Reference, bound
 from workbench.explanation.result import Step, Term
-from workbench.fitting.plans import frames_of
+from workbench.fitting.calibration_plans.plans import frames_of
 
 _MOST = 12  # terms that join one at a time; the rest of a longer list joins at once
 

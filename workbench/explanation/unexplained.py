@@ -3,8 +3,8 @@
 from workbench.diagnosis.levels import NOTABLE_SHARE, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effects import unrecorded
-from workbench.explanation import statements
 from workbench.explanation.result import Term, has_unexplained_structure
+from workbench.explanation.sentences import statements
 
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import POINT
 from datasets.errors import complaint
 from datasets.importers.user_tables import read_named_points
+from datasets.samples.columns import POINT
 
 LABEL = "point"
 

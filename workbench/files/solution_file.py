@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
+from datasets.samples.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
 from robot_model import load_robot
-from robot_model.configuration import configuration_signs, has_configurations
 from robot_model.effects import CATALOGUE
+from robot_model.postures.configuration import configuration_signs, has_configurations
 from robot_model.robot import Robot
 from workbench.core.effect import Effect, make_effects
 from workbench.core.errors import InputError
@@ -42,8 +42,8 @@ class CalibratedArm:
     `fitted_samples` (k, 2): first and last number of each run of samples that were fitted; None where an older version
     wrote the file. `rows`: number of rows of the recording; the row is the clock where no time was recorded.
     `recorded_samples` (k, 2): runs of the numbers of all samples in the order of these rows, or None like the others.
-    `configurations` (k, 3): signs of the recorded configurations (`robot_model.configuration`), or None like the others
-    and for arms that have no such signs.
+    `configurations` (k, 3): signs of the recorded configurations (`postures.configuration`), or None like the
+    others and for arms that have no such signs.
     """
 
     robot: Robot

@@ -24,7 +24,7 @@ from robot_model import load_robot
 from robot_model.effects import elastic
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_robot_file
+from workbench.core.robot_files.robot_description import is_robot_file
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.files.solution_file import CalibratedArm
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.checks import physical_bounds
-from datasets.columns import POINT, QUATERNION, joint_columns
 from datasets.errors import complaint
 from datasets.formats.table import Table
 from datasets.importers.mapping.model import read_mapping
 from datasets.importers.mapping.placements import Controller
-from datasets.importers.sources.robot_programs import CONFIGURATION
+from datasets.importers.sources.programs.robot_programs import CONFIGURATION
 from datasets.importers.user_tables import read_targets
+from datasets.samples.checks import physical_bounds
+from datasets.samples.columns import POINT, QUATERNION, joint_columns
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.robot import Robot

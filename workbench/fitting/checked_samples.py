@@ -10,13 +10,13 @@ import numpy as np
 
 from datasets.recording import Recording
 from datasets.trust import accepted_by_option, naming_option
-from robot_model.loading import load_robot, whole_keys
+from robot_model.files.loading import load_robot, whole_keys
 from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT
+from workbench.fitting.plausibility.robot_files.far_geometry import CAUSE, OTHER_ROBOT
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 

@@ -9,7 +9,7 @@ from workbench.core.distributions import signed_rank_sf
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.fitting.shrinkage import settled
+from workbench.fitting.priors.shrinkage import settled
 
 # Below a nanometre and a nanoradian a change of the error is rounding, whatever the recording states.
 _ROUNDING = (1e-6, 1e-9)
@@ -182,7 +182,7 @@ def cross_validate(
 ) -> HeldOut:
     """Fit on all folds but one and predict that one, for every fold; start from `start`.
 
-    settle: every fit finds by itself how large effects of one kind are (`workbench.fitting.shrinkage`). tick: called
+    settle: every fit finds by itself how large effects of one kind are (`priors.shrinkage`). tick: called
     with the numbers of finished and of all folds after every fold.
     """
     residual, located = no_residual(model), {}

@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.columns import joint_columns, joint_number
 from datasets.recording import Recording
+from datasets.samples.columns import joint_columns, joint_number
 from robot_model import builtin_robots, load_robot
 from sensors.hand_eye.checks.mistakes import Reading
 from workbench.core.errors import InputError

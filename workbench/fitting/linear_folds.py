@@ -26,7 +26,7 @@ from workbench.fitting.cross_validation import (
     places_of_target,
     stated_sigma,
 )
-from workbench.fitting.shrinkage import rescaled
+from workbench.fitting.priors.shrinkage import rescaled
 
 _DAMPING = 1e-4
 """Information on a parameter, per squared typical size, below which it stays where it is, as in `solve`."""

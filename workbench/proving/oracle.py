@@ -75,7 +75,7 @@ class Bench:
         from robot_model.effects import CATALOGUE
         from workbench.core.effect import make_effects
         from workbench.core.model import Model
-        from workbench.fitting.plans import geometry, stage_mask
+        from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 
         added = {row[:2] for row in rows}
         baseline_rows = [row for row in self.baseline if row[:2] not in added]

@@ -17,8 +17,8 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.calibration_plans.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plans import PLAN_FILES, frames_of, geometry, plan_names
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 from workbench.jobs.robot.compensation.compensate import compensate
 from workbench.jobs.robot.simulate import Truth, truth_from
@@ -200,7 +200,7 @@ def plan_of(name: str, recording: Recording) -> Path | tuple[Stage, ...] | None:
 
 def check_models(study: Study, folder: Path) -> Study:
     """The study with absolute paths of its plan files. Raises InputError for an unknown model."""
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plans import read_plan
 
     named = []
     for name in study.models:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_robot_file
+from workbench.core.robot_files.robot_description import is_robot_file
 from workbench.core.text.structured_text import ContentError, read_toml
 
 STUDY_FILES = Path(__file__).parent / "study_files"

@@ -6,11 +6,13 @@ from itertools import permutations
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import (
+from datasets.importers.mapping.columns.column_units import (
     ColumnUnits,
     completed_units,
     unit_words,
 )
+from datasets.importers.mapping.columns.sets import AXES_OF_SET, find_sets
+from datasets.importers.mapping.columns.spherical import completions, is_spherical
 from datasets.importers.mapping.model import Group
 from datasets.importers.mapping.rotations import (
     EULER,
@@ -22,8 +24,6 @@ from datasets.importers.mapping.rotations import (
     has_unit,
     rotation_matrices,
 )
-from datasets.importers.mapping.sets import AXES_OF_SET, find_sets
-from datasets.importers.mapping.spherical import completions, is_spherical
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLE_NAMES, DMS, LENGTHS, degrees_of, may_be_dms
 

@@ -4,18 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from datasets.columns import AXES
 from datasets.errors import complaint
 from datasets.importers.mapping.candidates import Turn
-from datasets.importers.mapping.column_units import each_unit, unit_factors
-from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.joining import seconds_of
+from datasets.importers.mapping.columns.column_units import each_unit, unit_factors
+from datasets.importers.mapping.columns.headers import read_header
+from datasets.importers.mapping.columns.spherical import is_spherical, points_of
+from datasets.importers.mapping.joined_tables.joining import seconds_of
+from datasets.importers.mapping.joined_tables.time_stamps import clock_origin, times_of_column
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
-from datasets.importers.mapping.spherical import is_spherical, points_of
-from datasets.importers.mapping.time_stamps import clock_origin, times_of_column
 from datasets.importers.source import RawTable
 from datasets.importers.units import COVARIATE_UNITS, LENGTHS, degrees_of
+from datasets.samples.columns import AXES
 
 
 def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[str, ...]]:

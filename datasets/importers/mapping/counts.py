@@ -3,7 +3,7 @@
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.importers.mapping.headers import read_header
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.importers.units import COUNTS

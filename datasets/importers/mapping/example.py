@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import unit_toml
+from datasets.importers.mapping.columns.column_units import unit_toml
+from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.left_out import similar_columns, unused_columns
 from datasets.importers.mapping.model import FORMAT, Group, Mapping
-from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import RawTable
 
 OPEN_NAME = "?"

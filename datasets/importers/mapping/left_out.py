@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from datasets.importers.mapping.columns.sets import find_sets, headers_of
+from datasets.importers.mapping.columns.stems import columns_by_stem
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.mapping.sets import find_sets, headers_of
-from datasets.importers.mapping.stems import columns_by_stem
 from datasets.importers.source import RawTable
 
 _FEWEST = 3

@@ -29,15 +29,15 @@ from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from pathlib import Path
 
-from datasets.columns import KINDS
 from datasets.errors import complaint
-from datasets.importers.mapping import spherical
-from datasets.importers.mapping.column_units import OPEN, ColumnUnits
+from datasets.importers.mapping.columns import spherical
+from datasets.importers.mapping.columns.column_units import OPEN, ColumnUnits
 from datasets.importers.mapping.placements import Controller, Placements, placements_from_keys
 from datasets.importers.mapping.rotations import CONVENTIONS, SIZES
 from datasets.importers.units import ANGLE_NAMES, LENGTHS
-from workbench.core.robot_description import file_and_tip
-from workbench.core.sections import checked_section
+from datasets.samples.columns import KINDS
+from workbench.core.robot_files.robot_description import file_and_tip
+from workbench.core.text.sections import checked_section
 from workbench.core.text.structured_text import ContentError, read_toml
 
 FORMAT = "import/1"

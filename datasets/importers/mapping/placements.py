@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from datasets.errors import complaint
-from workbench.core.sections import Finite, Placement, Section, checked_section
+from workbench.core.text.sections import Finite, Placement, Section, checked_section
 
 ALL = ""
 """Key of the transform that holds for all positions of a program."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.importers.mapping.column_units import ColumnUnits, joined_units
-from datasets.importers.mapping.headers import Header, read_header
+from datasets.importers.mapping.columns.column_units import ColumnUnits, joined_units
+from datasets.importers.mapping.columns.headers import Header, read_header
+from datasets.importers.mapping.columns.reflectors import reflector_lines
+from datasets.importers.mapping.columns.sets import ColumnSet, find_sets, headers_of
+from datasets.importers.mapping.columns.spherical import is_spherical
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
-from datasets.importers.mapping.reflectors import reflector_lines
-from datasets.importers.mapping.sets import ColumnSet, find_sets, headers_of
-from datasets.importers.mapping.spherical import is_spherical
 from datasets.importers.source import RawTable
 from datasets.importers.units import COVARIATE_UNITS
 

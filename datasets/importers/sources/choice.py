@@ -10,21 +10,12 @@ from pathlib import Path
 
 from datasets.errors import InputError, complaint
 from datasets.importers.source import ImageFile, Source
-from datasets.importers.sources import (
-    arrays,
-    axis_reports,
-    clouds,
-    excel,
-    robot_programs,
-    ros_bags,
-    storage,
-    text_tables,
-    urscript,
-    yaskawa_jobs,
-)
+from datasets.importers.sources import arrays, clouds, ros_bags, storage
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
-from datasets.importers.sources.reshaped import one_row_per_sample
-from datasets.importers.sources.summary_rows import without_summary_rows
+from datasets.importers.sources.programs import robot_programs, urscript, yaskawa_jobs
+from datasets.importers.sources.tables import axis_reports, excel, text_tables
+from datasets.importers.sources.tables.reshaped import one_row_per_sample
+from datasets.importers.sources.tables.summary_rows import without_summary_rows
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 _TEXT = {".csv", ".tsv", ".txt", ".log", ".asc", ".dat", ".prn", ".tab", ".res", ".pos", ""}

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.arms import check_robot
 from datasets.errors import complaint
-from datasets.importers.mapping.headers import Header, read_header
+from datasets.importers.mapping.columns.headers import Header, read_header
 from datasets.importers.source import RawTable
 from datasets.importers.sources.dh_fixed_rows import fixed_rows, placements
-from datasets.importers.sources.excel import read_excel
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.tables.excel import read_excel
+from datasets.importers.sources.tables.text_tables import read_text_table
 from datasets.importers.units import ANGLES, LENGTHS
+from datasets.recording_files.arms import check_robot
 
 DH_TABLE = "Denavit-Hartenberg table"
 """First words of the source of a robot from such a table."""

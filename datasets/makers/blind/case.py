@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.makers.blind import baseline_span, data, suites, uncatalogued, workplace
-from datasets.makers.blind.planted import Sized, sized
+from datasets.makers.blind import baseline_span, suites, workplace
+from datasets.makers.blind.effects import data, uncatalogued
+from datasets.makers.blind.effects.planted import Sized, sized
 from datasets.makers.blind.scatter import Scatter
 from datasets.makers.blind.world import Perturbation, World
-from datasets.mujoco_arm import StaticsError
+from datasets.makers.mujoco_arm import StaticsError
 
 _TRIES = 60
 _HIDDEN = 0.25

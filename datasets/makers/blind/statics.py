@@ -1,6 +1,6 @@
 """Where the arm rests when more than its joints is wrong: bends, growth, run-out and a moving base.
 
-Stands on `datasets.mujoco_arm`: the same MJCF tree, MuJoCo's own kinematics, springs and gravity.
+Stands on `datasets.makers.mujoco_arm`: the same MJCF tree, MuJoCo's own kinematics, springs and gravity.
 What grows with temperature is built again for every temperature. Samples first: (n, ...).
 """
 
@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets import mujoco_arm
-from datasets.makers import poses
-from datasets.mujoco_arm import Arm
+from datasets.makers import mujoco_arm, poses
+from datasets.makers.mujoco_arm import Arm
 
 
 def torques(arm: Arm, angles: np.ndarray, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.makers.blind import library, uncatalogued
+from datasets.makers.blind.effects import library, uncatalogued
 from datasets.makers.blind.scatter import Scatter
 from datasets.makers.blind.workplace import Requirements
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from datasets.makers.blind import covariates, data_sheets, measuring_poses, statics
 from datasets.makers.blind.world import World
-from datasets.mujoco_arm import arm_from_robot, pose
+from datasets.makers.mujoco_arm import arm_from_robot, pose
 
 _MM, _RAD = 0.5, np.deg2rad(0.25)
 """How far the arm's lengths and angles are off its manual, either way."""

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from datasets.makers.blind import statics
-from datasets.mujoco_arm import Arm, ball_points, reflector_points
+from datasets.makers.mujoco_arm import Arm, ball_points, reflector_points
 
 
 @dataclass(frozen=True)

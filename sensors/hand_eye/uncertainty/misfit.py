@@ -8,8 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.camera.shared_effects import shared_effects
-from sensors.camera.shared_errors import CornerRows, SharedErrors, shared_errors, without_poses
+from sensors.camera.correlated_errors.shared_effects import shared_effects
+from sensors.camera.correlated_errors.shared_errors import (
+    CornerRows,
+    SharedErrors,
+    shared_errors,
+    without_poses,
+)
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.core.rigid import rotation_matrix
 

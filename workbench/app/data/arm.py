@@ -107,7 +107,7 @@ def joint_coverage(opened: Opened) -> list[dict]:
 
     Readings in deg (mm of a slide); counts over 36 bins from the lower to the higher limit.
     """
-    from datasets.columns import joint_columns
+    from datasets.samples.columns import joint_columns
 
     rows = []
     for k, name in enumerate(joint_columns(opened.samples.columns)):

@@ -9,7 +9,7 @@ import numpy as np
 
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import csv_text
-from workbench.explanation.words import measured
+from workbench.explanation.sentences.words import measured
 from workbench.report.text import p_value
 
 _OUTSIDE = ("time", "noise", "samples")

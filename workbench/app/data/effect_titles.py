@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from datasets.columns import joint_columns
+from datasets.samples.columns import joint_columns
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.friction import JointHysteresis, JointTorque
 from workbench.app.edits.changes import Change, effect_label

@@ -93,7 +93,7 @@ class EditedPlan:
     session: Session
 
     def __call__(self, chain) -> tuple[Stage, ...]:
-        from workbench.fitting.plans import default_plan, read_plan
+        from workbench.fitting.calibration_plans.plans import default_plan, read_plan
 
         base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
         taken_keys = _keys_of(self._kept_additions(), chain)

@@ -55,7 +55,7 @@ def _command_of(opened: Opened) -> str:
 
 def located(session: Session) -> Session:
     """The session with whole paths of its plan and scanner: a rerun runs in the folder of the session."""
-    from workbench.fitting.plans import plan_location
+    from workbench.fitting.calibration_plans.plans import plan_location
 
     plan = plan_location(session.plan) if session.plan else ""
     scanner = str(Path(session.scanner).resolve()) if session.scanner else ""

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from workbench.app.data.image_errors import ImageError
-from workbench.app.data.images import Overlay
 from workbench.app.data.opened import Opened
+from workbench.app.data.recorded_images.image_errors import ImageError
+from workbench.app.data.recorded_images.images import Overlay
 from workbench.app.data.sensor import cloud_of, scanner_of
 from workbench.app.figures import style
 from workbench.report.calibration.scene import arrow_step

@@ -6,7 +6,7 @@ import logging
 from trame.app import asynchronous
 from trame.widgets import html
 
-from workbench.app.data.images import overlay_of
+from workbench.app.data.recorded_images.images import overlay_of
 from workbench.app.figures import sensor, style
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Tab, points_of

@@ -11,15 +11,15 @@ from trame.widgets import vuetify3 as v3
 from workbench.app.data.opened import Opened
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.base import Page
-from workbench.app.ui.diagnosis import DiagnosisTab
-from workbench.app.ui.edit import EditTab
-from workbench.app.ui.importing import ImportTab
 from workbench.app.ui.library import defer_charts
 from workbench.app.ui.overlay import SCRIPT, STYLE
-from workbench.app.ui.recording import RecordingTab
-from workbench.app.ui.residuals import ResidualsTab
-from workbench.app.ui.sensor import SensorTab
 from workbench.app.ui.shortcuts import undo_keys
+from workbench.app.ui.tabs.diagnosis import DiagnosisTab
+from workbench.app.ui.tabs.edit import EditTab
+from workbench.app.ui.tabs.importing import ImportTab
+from workbench.app.ui.tabs.recording import RecordingTab
+from workbench.app.ui.tabs.residuals import ResidualsTab
+from workbench.app.ui.tabs.sensor import SensorTab
 from workbench.app.workspace import Workspace
 
 _STYLE = """

@@ -4,10 +4,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
-from robot_model.mjcf import is_mjcf
-from robot_model.urdf import tree_of
+from robot_model.files.mjcf import is_mjcf
+from robot_model.files.urdf import tree_of
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_description
+from workbench.core.robot_files.robot_description import is_description
 
 MOST_BYTES = 1 << 30
 _ROBOTS = (".toml", ".urdf", ".mjcf")

@@ -6,12 +6,12 @@ The form works on the plain keys of the mapping, which may be incomplete while s
 import copy
 from collections.abc import Iterable, Mapping
 
-from datasets.columns import KINDS
-from datasets.importers.mapping.joining import time_columns
+from datasets.importers.mapping.joined_tables.joining import time_columns
 from datasets.importers.mapping.model import QUANTITIES
 from datasets.importers.mapping.rotations import CONVENTIONS
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLE_NAMES, LENGTHS
+from datasets.samples.columns import KINDS
 from workbench.core.errors import InputError
 
 CALLED = "the mapping"

@@ -144,7 +144,7 @@ def _duration(seconds: float) -> str:
 
 def _units(group: Mapping) -> str | None:
     """The unit of a group in words."""
-    from datasets.importers.mapping.column_units import unit_words
+    from datasets.importers.mapping.columns.column_units import unit_words
 
     if "counts_per_deg" in group:
         return (

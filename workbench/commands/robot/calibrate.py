@@ -134,7 +134,7 @@ def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
         raise InputError(
             "--without: expected --plan or --from-diagnosis, whose terms have names, found neither; name one."
         )
-    from workbench.fitting.plan_file import without_terms
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plan_file import without_terms
+    from workbench.fitting.calibration_plans.plans import read_plan
 
     return without_terms(read_plan(named), without, str(named))

@@ -91,7 +91,7 @@ def solve_into(
 
 def _stated_options(options: dict, scanner: Path | None) -> dict:
     """Options of the command line, with files as whole paths, so that a rerun in another folder finds them."""
-    from workbench.fitting.plans import plan_location
+    from workbench.fitting.calibration_plans.plans import plan_location
 
     plan = options.get("plan")
     return {

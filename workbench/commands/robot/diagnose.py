@@ -69,8 +69,8 @@ def command(
         import datasets
         from workbench.diagnosis.scanner.surface import is_surface
         from workbench.explanation.answer import diagnose
-        from workbench.explanation.corrected_model import write_model
-        from workbench.explanation.files import save
+        from workbench.explanation.output.corrected_model import write_model
+        from workbench.explanation.output.files import save
         from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
         found = sessions.edited(edits, datasets.read(recording, trust_data))

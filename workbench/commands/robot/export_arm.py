@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from workbench.core.errors import InputError
-from workbench.core.robot_description import description_keys
+from workbench.core.robot_files.robot_description import description_keys
 
 PROGRAMS = ("urscript", "krl", "rapid", "fanuc")
 GEOMETRY_ALONE = ("urdf", "ros", "mdh-json", "mdh-csv")
@@ -142,7 +142,7 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
 def _urdf_spec(arm, options: ArmOptions) -> dict | None:
     """What names the URDF to patch: --urdf, else the file that the arm was calibrated with; None where it is MJCF."""
-    from robot_model.mjcf import is_mjcf
+    from robot_model.files.mjcf import is_mjcf
 
     robot_keys = dict(arm.keys["robot"])
     if "urdf" not in robot_keys or is_mjcf(Path(robot_keys["urdf"])):
@@ -269,7 +269,7 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     import numpy as np
 
     from datasets.importers.mapping.model import read_mapping
-    from datasets.importers.sources.program_patch import is_program_of, patched_program
+    from datasets.importers.sources.programs.program_patch import is_program_of, patched_program
     from datasets.importers.user_tables import frames_of
     from workbench.files.exports.check import check_patched_program
     from workbench.jobs.robot.compensation.compensate import nominal_poses

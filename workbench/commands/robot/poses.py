@@ -150,8 +150,8 @@ def _terms(name: str, without: list[str] | None):
                 "leave --without out."
             )
         return ()
-    from workbench.fitting.plan_file import without_terms
-    from workbench.fitting.plans import read_plan
+    from workbench.fitting.calibration_plans.plan_file import without_terms
+    from workbench.fitting.calibration_plans.plans import read_plan
 
     stages = without_terms(read_plan(Path(name)), without or (), name)
     return tuple(row for stage in stages for row in stage.effects)

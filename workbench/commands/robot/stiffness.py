@@ -64,7 +64,7 @@ def command(
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {solution}"):
-        from datasets.columns import joint_columns
+        from datasets.samples.columns import joint_columns
         from workbench.files.targets import read_programme
         from workbench.jobs.robot.stiffness import cartesian_stiffness, save
 

@@ -36,11 +36,11 @@ from workbench.diagnosis.robot.derived import (
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
+from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
-from workbench.fitting.plans import geometry, stage_mask
-from workbench.fitting.shrinkage import settled
-from workbench.fitting.wider_priors import widened
+from workbench.fitting.priors.shrinkage import settled
+from workbench.fitting.priors.wider_priors import widened
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 _GEOMETRY = 1.0

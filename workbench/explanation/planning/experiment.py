@@ -27,7 +27,7 @@ from workbench.explanation.minimal_detectable_bias import separable_distance
 from workbench.explanation.planning.candidate_recordings import CandidateRecording, list_candidates
 from workbench.explanation.planning.scenes import scene_of
 from workbench.explanation.result import Experiment, Term
-from workbench.explanation.words import covariate, listed, place
+from workbench.explanation.sentences.words import covariate, listed, place
 
 POSES = 30
 _ASKED = 3

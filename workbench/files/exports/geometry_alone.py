@@ -11,8 +11,8 @@ import numpy as np
 
 from robot_model.chain import ALPHA, BETA, A, D, forward, geometry_rows, geometry_turns
 from robot_model.measurements.closure import flange_matrices
+from robot_model.postures.task_priority import LEVER_MM, Task, pose_difference
 from robot_model.state import sliding
-from robot_model.task_priority import LEVER_MM, Task, pose_difference
 from workbench.core.rigid import transform
 from workbench.files.exports.mdh import NAMES, calibrated_geometry
 from workbench.files.exports.python.module import arm_data, covariates_used, observed_effects

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_model.effects import elastic, transmission
-from robot_model.mjcf import TERMS
+from robot_model.files.mjcf import TERMS
 from robot_model.robot import Robot
 from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.effect import Effect
@@ -86,7 +86,7 @@ def mjcf(arm: CalibratedArm) -> str:
 
 
 def terms(arm: CalibratedArm) -> dict:
-    """The terms of the model and their values, which `robot_model.mjcf.terms_of` reads back.
+    """The terms of the model and their values, which `robot_model.files.mjcf.terms_of` reads back.
 
     Offsets, first moments and tilts of the mount are in the lengths, centres of mass and gravity of the file: a value
     of theirs would count twice where the file is read. Without it they start at zero.

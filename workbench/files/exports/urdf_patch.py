@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from robot_model import load_robot
 from robot_model.chain import forward
+from robot_model.files.urdf_tree import Joint, Tree
 from robot_model.measurements.closure import flange_matrices
 from robot_model.robot import Robot, wrong
-from robot_model.urdf_tree import Joint, Tree
 from workbench.core.rigid import transform
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.urdf import around_joints
@@ -44,7 +44,7 @@ class PatchedUrdf:
 def patched_urdf(arm: CalibratedArm, spec: dict) -> PatchedUrdf:
     """A URDF whose joint origins are those of the calibrated arm.
 
-    spec: {"urdf": path, "joints": [...], "tip": link, ...} as of `robot_model.urdf.robot_from_urdf`. The arm may have
+    spec: {"urdf": path, "joints": [...], "tip": link, ...} as of `robot_from_urdf`. The arm may have
     been calibrated with this file, or with another description of the same nominal kinematics.
     Raises InputError where the file describes another arm.
     """

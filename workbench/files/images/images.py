@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.images import TEXT
-from datasets.rows import Rows
+from datasets.recording_files.images import TEXT
+from datasets.recording_files.rows import Rows
 from sensors.images import read_grey
 from sensors.stripe.clipping import Counts
 from workbench.core.errors import InputError

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.rows import Rows
+from datasets.recording_files.rows import Rows
 
 SWEEP = "sweep"
 

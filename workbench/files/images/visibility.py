@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_model.clearance import hidden_by_others, view_clearance
+from robot_model.postures.clearance import hidden_by_others, view_clearance
 from robot_model.robot import Robot
 from robot_model.system import bind
 from workbench.core.errors import InputError

@@ -6,13 +6,6 @@ import numpy as np
 
 from robot_model.chain import forward
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.change_points import (
-    find_change_point,
-    find_new_setup,
-    time_order,
-)
-from workbench.fitting.plausibility.coupled_drives import coupled_drives
-from workbench.fitting.plausibility.far_geometry import CAUSE, FAR, OTHER_ROBOT, far_geometry
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
@@ -20,18 +13,37 @@ from workbench.fitting.plausibility.fitting import (
     reach_of,
     row_mismatch,
 )
-from workbench.fitting.plausibility.gravity_direction import find_gravity, gravity_suspicion
+from workbench.fitting.plausibility.joint_columns.coupled_drives import coupled_drives
+from workbench.fitting.plausibility.joint_columns.rounding import explains, joint_rounding
+from workbench.fitting.plausibility.joint_columns.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.misfit import (
     doubtful_columns,
     explained_suspicions,
     misfit_suspicions,
 )
-from workbench.fitting.plausibility.outliers import find_outliers, named_samples, outlier_reason
-from workbench.fitting.plausibility.rounding import explains, joint_rounding
-from workbench.fitting.plausibility.row_shifts import row_shift_suspicions
+from workbench.fitting.plausibility.robot_files.far_geometry import (
+    CAUSE,
+    FAR,
+    OTHER_ROBOT,
+    far_geometry,
+)
+from workbench.fitting.plausibility.robot_files.gravity_direction import (
+    find_gravity,
+    gravity_suspicion,
+)
+from workbench.fitting.plausibility.robot_files.stated_dimensions import dimension_suspicion
+from workbench.fitting.plausibility.rows.change_points import (
+    find_change_point,
+    find_new_setup,
+    time_order,
+)
+from workbench.fitting.plausibility.rows.outliers import (
+    find_outliers,
+    named_samples,
+    outlier_reason,
+)
+from workbench.fitting.plausibility.rows.row_shifts import row_shift_suspicions
 from workbench.fitting.plausibility.sampling import even_rows
-from workbench.fitting.plausibility.small_mistakes import small_mistakes
-from workbench.fitting.plausibility.stated_dimensions import dimension_suspicion
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import change_point_sentence, listed

@@ -21,7 +21,7 @@ from workbench.core.distributions import chi2
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.fitting.plans import frames_of
+from workbench.fitting.calibration_plans.plans import frames_of
 
 POSITION = 3
 """Components of a residual that are lengths in mm; further ones are rotations in rad."""

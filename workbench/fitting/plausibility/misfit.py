@@ -7,12 +7,6 @@ import numpy as np
 
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.columns_at_rest import (
-    constant_columns,
-    equal_columns,
-    longest_run,
-)
-from workbench.fitting.plausibility.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.fitting import (
     Fit,
     base_and_tool,
@@ -21,7 +15,13 @@ from workbench.fitting.plausibility.fitting import (
     reach_of,
 )
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
-from workbench.fitting.plausibility.reading_scales import scaled_readings
+from workbench.fitting.plausibility.joint_columns.columns_at_rest import (
+    constant_columns,
+    equal_columns,
+    longest_run,
+)
+from workbench.fitting.plausibility.joint_columns.coupled_readings import coupled_readings
+from workbench.fitting.plausibility.joint_columns.reading_scales import scaled_readings
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.fitting.plausibility.suspicion import Suspicion

@@ -7,7 +7,7 @@ import numpy as np
 from robot_model.system import geometry_free
 from workbench.core.vocabulary import Covariate
 from workbench.fitting.plausibility.fitting import reach_of
-from workbench.fitting.plausibility.rounding import lattice_step
+from workbench.fitting.plausibility.joint_columns.rounding import lattice_step
 from workbench.fitting.plausibility.suspicion import Suspicion
 
 _LEAST_SIGMA_MM = 2e-4

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_model.task_priority import LEVER_MM
+from robot_model.postures.task_priority import LEVER_MM
 from sensors.hand_eye.checks.review import UNEXPLAINED
 from sensors.hand_eye.result import HandEye
 from workbench.fitting.verdicts.sensor_verdict import repeated_warnings

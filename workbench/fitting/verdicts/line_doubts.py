@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from sensors.effects.laser import GhostLine
 from sensors.effects.optics import Blooming
-from sensors.scanner.rejected_points import RejectedPoints
+from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Asymmetry
 from workbench.core.distributions import norm
 from workbench.core.effect import Effect

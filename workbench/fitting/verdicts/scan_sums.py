@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sensors.scanner.misfit import Misfit
+from sensors.scanner.residuals.misfit import Misfit
 
 POOR = 5.0
 """Multiple of the stated noise from which the distances of points from their balls are no noise."""

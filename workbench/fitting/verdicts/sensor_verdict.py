@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from sensors.camera.model import RATIONAL
-from sensors.scanner.misfit import Misfit
+from sensors.scanner.residuals.misfit import Misfit
 from sensors.stripe.asymmetry import Asymmetry
 from sensors.trust import Trust
 from workbench.fitting.verdicts.line_doubts import (
@@ -58,7 +58,7 @@ _CAUSES = {
     "height of the board": "the board is not flat in a way that its warp does not describe; use a flat one",
     _LENS: "the lens is not of the model fitted; try `--model rational`",
 }
-"""What to do about each error that many images share, see `sensors.camera.shared_effects`."""
+"""What to do about each error that many images share, see `sensors.camera.correlated_errors.shared_effects`."""
 _DIAGNOSE = "an effect is missing in the model; run `workbench diagnose` to find it"
 
 

@@ -25,6 +25,9 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.files.provenance import provenance
 from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
+from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
+from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
+from workbench.fitting.calibration_plans.plans import default_plan, read_plan
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
@@ -39,9 +42,6 @@ from workbench.fitting.cross_validation import (
     samples_of_some_poses,
 )
 from workbench.fitting.linear_folds import cross_validate_linearised
-from workbench.fitting.missing_masses import missing_mass_warnings
-from workbench.fitting.parallel_axes import parallelism_warnings
-from workbench.fitting.plans import default_plan, read_plan
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.chunks import Chunks, read_chunks
+from datasets.samples.chunks import Chunks, read_chunks
 from robot_model.system import bind, redundant_geometry
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
@@ -25,8 +25,8 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution
 from workbench.files.results import parameter_rows
 from workbench.files.solution_file import NAME, solution_keys
+from workbench.fitting.calibration_plans.plans import frames_of
 from workbench.fitting.cross_validation import error_summary
-from workbench.fitting.plans import frames_of
 from workbench.fitting.verdicts.noise_report import NoiseReport, report
 from workbench.jobs.robot.calibrate import Calibration, Stage, calibrate
 from workbench.machine.progress import paced

@@ -9,8 +9,8 @@ import numpy as np
 from workbench.core.distributions import student
 from workbench.core.errors import InputError
 from workbench.core.text.csv_text import csv_text
+from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.fitting.cross_validation import blocks, error_summary
-from workbench.fitting.plans import read_plan
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.verdict import Tolerance, Verdict
 from workbench.jobs.robot.calibrate import Calibration, calibrate

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import joint_columns
 from datasets.recording import Recording
+from datasets.samples.columns import joint_columns
 from robot_model import load_robot
 from robot_model.measurements import measurement_of, samples_of
 from robot_model.system import bind

@@ -11,8 +11,14 @@ from workbench.core.effect import make_effects
 from workbench.core.least_squares.identifiability import identifiability as look
 from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
+from workbench.fitting.calibration_plans.plans import (
+    default_plan,
+    frames_of,
+    held,
+    read_plan,
+    stage_mask,
+)
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plans import default_plan, frames_of, held, read_plan, stage_mask
 from workbench.machine.progress import counted
 
 _NOMINAL_SIGMA_MM = 0.05

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import joint_columns
-from robot_model.clearance import self_clearance
+from datasets.samples.columns import joint_columns
 from robot_model.effects import CATALOGUE
 from robot_model.measurements import end_recordings, measurement_of, samples_of
+from robot_model.postures.clearance import self_clearance
 from robot_model.system import bind, geometry_free, held_by_convention
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -20,8 +20,8 @@ from workbench.core.least_squares.solver import normal_matrix
 from workbench.core.model import Model
 from workbench.core.text.csv_text import csv_text
 from workbench.files.images.visibility import EVERYTHING, Sight, unseen
+from workbench.fitting.calibration_plans.plans import default_plan, frames_of
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plans import default_plan, frames_of
 from workbench.machine.progress import staged
 
 CRITERIA = ("D", "O1", "O2", "O3", "O4", "O5", "task")

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.chain import forward
-from robot_model.loading import builtin_robots, load_robot
+from robot_model.files.loading import builtin_robots, load_robot
 from robot_model.measurements import end_recordings, samples_of
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
-from workbench.core.robot_description import is_robot_file
+from workbench.core.robot_files.robot_description import is_robot_file
 from workbench.core.text.csv_text import csv_text
 from workbench.machine.progress import paced
 

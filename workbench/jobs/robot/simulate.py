@@ -10,19 +10,19 @@ from datasets.makers.poses import scanning
 from datasets.recording import Recording
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.files.robot_file import read_robot_keys
 from robot_model.poses import pose_values
 from robot_model.robot import Robot
-from robot_model.robot_file import read_robot_keys
 from robot_model.state import sliding
 from robot_model.system import bind
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.core.robot_description import description_keys, is_description
+from workbench.core.robot_files.robot_description import description_keys, is_description
 from workbench.core.terms import switched_off, term_names
 from workbench.files.scene import Pose, Scene, read_scene
-from workbench.fitting.missing_masses import check_loads
+from workbench.fitting.calibration_plans.missing_masses import check_loads
 
 
 def simulate(path: Path, without: Sequence[str] = ()) -> Recording:

@@ -15,14 +15,14 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.results import StageResult
+from workbench.fitting.calibration_plans.plans import frames_of, held, stage_mask
+from workbench.fitting.calibration_plans.stage_tests import is_retained
 from workbench.fitting.cross_validation import HeldOut, Split, cross_validate, error_summary
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.nonnegative import solve_nonnegative
-from workbench.fitting.plans import frames_of, held, stage_mask
-from workbench.fitting.shrinkage import settled
-from workbench.fitting.stage_tests import is_retained
-from workbench.fitting.trial_fits import fit_with_noise, solve_independent
+from workbench.fitting.priors.shrinkage import settled
+from workbench.fitting.priors.trial_fits import fit_with_noise, solve_independent
 from workbench.machine.progress import counted
 
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared

@@ -13,11 +13,11 @@ from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import light_origin
 from sensors.scanner.calibration import ScannerCalibration
-from sensors.scanner.line_dependence import line_covariates
 from sensors.scanner.model import Scanner
-from sensors.stripe.brightness import brightness_law
+from sensors.scanner.residuals.line_dependence import line_covariates
 from sensors.stripe.find import find_stripes
-from sensors.stripe.surface_line import line_on_ball
+from sensors.stripe.surface_bias.brightness import brightness_law
+from sensors.stripe.surface_bias.surface_line import line_on_ball
 from workbench.files.images.ball_names import named
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.images import by_role, full_scale, path_of

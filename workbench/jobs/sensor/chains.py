@@ -14,7 +14,7 @@ from datasets.recording import Recording
 from sensors.boards.detection import detect_all
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
-from sensors.camera.displaced_lines import DisplacedLine
+from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
 from sensors.camera.model import Camera
 from sensors.effects.optics import Blooming
 from sensors.light.ball_stripes import Balls
@@ -25,8 +25,8 @@ from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
 from sensors.light.mirror_choice import FEWEST
 from sensors.light.planes import moved
 from sensors.scanner.calibration import calibrate_scanner
-from sensors.scanner.line_dependence import LineDependence, line_covariates
-from sensors.scanner.rejected_points import RejectedPoints
+from sensors.scanner.residuals.line_dependence import LineDependence, line_covariates
+from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.second_line import SecondLine, second_line
 from workbench.core.least_squares.bundle import BundleFit

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from datasets.rows import Grouped
+from datasets.recording_files.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import fit_ball
 from sensors.ball.result import ELSEWHERE, INCIDENCE, MISSING, BallFit
@@ -18,12 +18,12 @@ from sensors.ball.single_stripe import undetermined
 from sensors.boards.detection import Rejected
 from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
-from sensors.scanner.misfit import Misfit, stripe_misfit
 from sensors.scanner.model import Scanner
+from sensors.scanner.residuals.misfit import Misfit, stripe_misfit
 from sensors.stripe.ambient import Lines, ambient_bias, chosen_images, scene_of
-from sensors.stripe.centre_bias import estimate_centre_bias
 from sensors.stripe.centre_noise import centre_noise
 from sensors.stripe.find import find_stripes
+from sensors.stripe.surface_bias.centre_bias import estimate_centre_bias
 from workbench.core.errors import InputError
 from workbench.core.text.file_names import differ_in_case_only, file_name
 from workbench.files.images.ball_names import by_sample, named

@@ -14,8 +14,8 @@ from sensors.images import read_grey, stacks, unlit
 from sensors.light.board_stripes import BoardStripes, joined
 from sensors.scanner.bowed import calibrated_with_bow, misfit_of
 from sensors.scanner.calibration import ScannerCalibration, calibrate_scanner
-from sensors.scanner.misfit import Misfit
 from sensors.scanner.model import Scanner
+from sensors.scanner.residuals.misfit import Misfit
 from sensors.scanner.turntable_calibration import TurntableCalibration
 from sensors.scanner.unseen_steps import with_unseen_steps
 from sensors.stripe.asymmetry import Asymmetry, Profiles, asymmetry

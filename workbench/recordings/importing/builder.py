@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import each_unit, joined_units
+from datasets.importers.mapping.columns.column_units import each_unit, joined_units
 from datasets.importers.mapping.conversion import (
     axis_columns,
     joint_columns,

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.columns import joint_columns
+from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
-from datasets.importers.mapping.sets import headers_of
+from datasets.samples.columns import joint_columns
 from datasets.trust import accepted_by_option, naming_option
 from robot_model.chain import forward
 from robot_model.measurements import samples_of

@@ -10,15 +10,15 @@ from tempfile import TemporaryDirectory
 
 from datasets.formats.recording1 import read_recording
 from datasets.formats.recording1_writer import write
-from datasets.importers.mapping.headers import read_header
-from datasets.importers.mapping.joining import time_columns
+from datasets.importers.mapping.columns.headers import read_header
+from datasets.importers.mapping.joined_tables.joining import time_columns
+from datasets.importers.mapping.joined_tables.sessions import SESSION
 from datasets.importers.mapping.left_out import unused_rotation_sentences
 from datasets.importers.mapping.model import Mapping, write_mapping
-from datasets.importers.mapping.sessions import SESSION
 from datasets.recording import Recording
 from robot_model import builtin_robots
 from workbench.core.errors import InputError
-from workbench.core.robot_description import DESCRIPTIONS, file_and_tip
+from workbench.core.robot_files.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
 from workbench.recordings.importing.ball_scans.centre_tables import import_centres
 from workbench.recordings.importing.ball_scans.surface_scans import import_scans, is_scan

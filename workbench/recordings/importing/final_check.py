@@ -5,13 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.duplicates import first_of_equal_rows
+from datasets.samples.duplicates import first_of_equal_rows
 from datasets.trust import accepted_by_option, naming_option
 from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
+from workbench.fitting.plausibility.robot_files.far_geometry import (
+    CAUSE,
+    OTHER_ROBOT,
+    find_far_geometry,
+)
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import listed
 from workbench.recordings.importing.interpretation.decisions import ROTATION_REMEDY

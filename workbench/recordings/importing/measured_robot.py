@@ -5,14 +5,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from datasets.columns import KINDS
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.headers import read_header
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.importers.sources.dh_tables import is_dh_table
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
+from datasets.samples.columns import KINDS
 from robot_model import builtin_robots, load_robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime, limited

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from datasets.arms import check_robot
 from datasets.errors import complaint
 from datasets.importers.sources.dh_tables import is_dh_table, read_dh_table
-from datasets.importers.sources.text_tables import read_text_table
+from datasets.importers.sources.tables.text_tables import read_text_table
+from datasets.recording_files.arms import check_robot
 from robot_model import builtin_robots
-from workbench.core.builtin_names import check_builtin_name
 from workbench.core.errors import InputError
-from workbench.core.robot_description import description_keys, is_description
+from workbench.core.robot_files.builtin_names import check_builtin_name
+from workbench.core.robot_files.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
 

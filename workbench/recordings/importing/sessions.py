@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
-from datasets.importers.mapping.sessions import (
+from datasets.importers.mapping.joined_tables.sessions import (
     APPEND,
     SESSION,
     in_recording_units,
     sessions_origin,
 )
+from datasets.importers.mapping.model import QUANTITIES, Join, Mapping
 from datasets.importers.source import RawTable
 from datasets.trust import naming_option
 from robot_model.state import sliding

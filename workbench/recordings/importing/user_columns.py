@@ -2,8 +2,8 @@
 
 import re
 
+from datasets.importers.mapping.columns.spherical import is_spherical
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.mapping.spherical import is_spherical
 
 _INTERNAL = re.compile(r"samples\.csv of recording '[^']*'")
 _LEADING = re.compile(r"^recording '[^']*', (?=robot file of )")

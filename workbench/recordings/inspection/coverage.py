@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.columns import joint_columns
 from datasets.recording import Recording
+from datasets.samples.columns import joint_columns
 from robot_model import load_robot
 from sensors.boards.detection import Detection
 from workbench.core.errors import InputError

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.columns import KINDS
 from datasets.recording import Recording
+from datasets.samples.columns import KINDS
 from workbench.recordings.inspection.coverage import (
     Coverage,
     ImageCoverage,

@@ -5,15 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.columns import KINDS, joint_columns, joint_number
 from datasets.recording import Recording
+from datasets.samples.columns import KINDS, joint_columns, joint_number
 from robot_model import load_robot
 from robot_model.measurements import samples_of
 from workbench.core.errors import InputError
 from workbench.core.vocabulary import Covariate
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.far_geometry import CAUSE, OTHER_ROBOT, find_far_geometry
-from workbench.fitting.plausibility.small_mistakes import untested_signs
+from workbench.fitting.plausibility.joint_columns.small_mistakes import untested_signs
+from workbench.fitting.plausibility.robot_files.far_geometry import (
+    CAUSE,
+    OTHER_ROBOT,
+    find_far_geometry,
+)
 from workbench.fitting.plausibility.wording import fit_words
 from workbench.recordings.inspection.coverage import Coverage, ImageCoverage, coverage_of
 from workbench.recordings.inspection.repeats import Repeats

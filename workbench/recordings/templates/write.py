@@ -6,12 +6,16 @@ from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from datasets.columns import KINDS as ALL_KINDS
 from datasets.errors import complaint
 from datasets.formats.recording1_writer import write_csv
 from datasets.recording import Recording
+from datasets.samples.columns import KINDS as ALL_KINDS
 from robot_model import builtin_robots
-from workbench.core.robot_description import copy_description, file_and_tip, is_description
+from workbench.core.robot_files.robot_description import (
+    copy_description,
+    file_and_tip,
+    is_description,
+)
 from workbench.recordings.importing.robots import robot_keys
 from workbench.recordings.templates import scanner_kinds
 from workbench.recordings.templates.comments import recording_toml

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from datasets.columns import joint_columns
+from datasets.samples.columns import joint_columns
 from workbench.report import style
 from workbench.report.calibration.errors import Errors
 from workbench.report.text import covariate_label, listed

@@ -4,8 +4,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from workbench.core.vocabulary import Place
-from workbench.explanation import words as said
 from workbench.explanation.result import Diagnosis
+from workbench.explanation.sentences import words as said
 from workbench.report import style
 
 _APART = ("time", "noise", "samples")

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from workbench.explanation import words as said
 from workbench.explanation.minimal_detectable_bias import DetectableBias
 from workbench.explanation.result import Diagnosis
+from workbench.explanation.sentences import words as said
 from workbench.report.sections import table, words
 from workbench.report.text import rounded, with_labels
 

@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from workbench.core.vocabulary import Covariate
-from workbench.explanation import words as said
 from workbench.explanation.result import Diagnosis
+from workbench.explanation.sentences import words as said
 from workbench.report import style
 from workbench.report.calibration.scene import arrow_scale, axes
 

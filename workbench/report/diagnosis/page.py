@@ -1,6 +1,5 @@
 """Page of a diagnosis: unmodelled effects, their places, the validation, and the minimal detectable biases."""
 
-from workbench.explanation import words as said
 from workbench.explanation.planning.scenes import SCENE
 from workbench.explanation.result import (
     AMBIGUOUS,
@@ -10,6 +9,7 @@ from workbench.explanation.result import (
     Diagnosis,
     Term,
 )
+from workbench.explanation.sentences import words as said
 from workbench.report.diagnosis import figures as figures
 from workbench.report.diagnosis import turntable
 from workbench.report.diagnosis.chain import chain

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from workbench.explanation import words as said
 from workbench.explanation.result import Diagnosis
+from workbench.explanation.sentences import words as said
 from workbench.report import style
 from workbench.report.diagnosis.chain import places_of, share_at
 from workbench.report.diagnosis.figures import binned, extent, fall, shown_covariate

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from datasets.columns import joint_columns
+from datasets.samples.columns import joint_columns
 from workbench.jobs.robot.evaluate import Evaluated
 from workbench.report import style
 from workbench.report.sections import Page, Section, facts, figure, table, words

@@ -9,10 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_model.chain import forward
+from robot_model.postures.task_priority import (
+    Task,
+    joint_part,
+    pose_difference,
+    pose_sizes,
+)
 from robot_model.robot import Robot
 from robot_model.state import State, sliding, with_history
 from robot_model.system import RobotChain
-from robot_model.task_priority import Task, joint_part, pose_difference, pose_sizes
 from robot_model.tool_points import calibrated_points
 from workbench.core.model import Model
 from workbench.core.rigid import rotation_matrix

@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from datasets.columns import AXES, MEASURED, POINT, QUATERNION, joint_columns
 from datasets.recording import OTHER
+from datasets.samples.columns import AXES, MEASURED, POINT, QUATERNION, joint_columns
 from robot_model.measurements import second_ends
 
 LABELS = ("ball", "reflector")

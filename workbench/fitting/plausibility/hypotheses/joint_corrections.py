@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.columns import joint_columns, joint_number
+from datasets.samples.columns import joint_columns, joint_number
 from workbench.fitting.plausibility.hypotheses.corrections import (
     Correction,
     column_correction,

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.columns import POINT, QUATERNION
+from datasets.samples.columns import POINT, QUATERNION
 from workbench.fitting.plausibility.hypotheses.corrections import (
     Correction,
     axis_columns,

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from robot_model.loading import builtin_robots, load_robot
+from robot_model.files.loading import builtin_robots, load_robot
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, listed
 
 ROBOT = "robot"

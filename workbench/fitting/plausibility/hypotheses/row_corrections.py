@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.columns import MEASURED, joint_columns
+from datasets.samples.columns import MEASURED, joint_columns
 from workbench.fitting.plausibility.hypotheses.corrections import (
     LABELS,
     Correction,

@@ -13,10 +13,11 @@ import numpy as np
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.measurements.external_pose import ExternalPose
+from robot_model.postures import task_priority
+from robot_model.postures.task_priority import LEVER_MM, Task, pose_sizes
 from robot_model.robot import Robot
 from robot_model.state import State, approaches_read, sliding, with_history
 from robot_model.system import RobotChain
-from robot_model.task_priority import LEVER_MM, Task, joint_part, pose_difference, pose_sizes
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -53,9 +54,8 @@ class Compensated:
     uncertainty, considered terms and the extrapolation of empirical functions make; `uncertainty_mm` (n,) that combined
     with the error of the model on unseen poses (`model_error.remaining_error_mm`; GUM, JCGM 100:2008, 5.1.2);
     `expanded_uncertainty_mm` is that times the coverage factor 2 (6.2 there);
-    `reached` (n,) False where no reading within limits gets there but for `negligible_mm`, because the search found
-    none or, where
-    `beyond_limits` (n,), because the one it found is outside the limits of the joints.
+    `reached` (n,) False where no reading within the joint limits reaches the target to `negligible_mm`: the search
+    found none, or where `beyond_limits` (n,) is True, only one outside the limits.
 
     An arm that cannot move its flange in all six directions (`is_deficient`) has reached a target where nothing is left
     in the directions that its joints move; `position_left_mm` and `rotation_left_deg` (n,) are then what is left in
@@ -270,7 +270,8 @@ def _deviation(model, arm, task) -> np.ndarray:
     frames = model.evaluate(_parameters(model, arm)).frames
     actual = transform(flange_matrices(frames), frames.end_origin.T)
     measured = model.chain.measurement
-    return pose_difference(actual, transform(measured.rotations, measured.measured.T), task.point)
+    wanted = transform(measured.rotations, measured.measured.T)
+    return task_priority.pose_difference(actual, wanted, task.point)
 
 
 def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
@@ -280,7 +281,7 @@ def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
         return least_squares(arm.robot.mixing, _step(model, arm, residual)).T, distance
     frames = model.evaluate(_parameters(model, arm)).frames
     deviation = _deviation(model, arm, task)
-    return joint_part(arm.robot, frames, deviation, task, _reading_weights(arm))
+    return task_priority.joint_part(arm.robot, frames, deviation, task, _reading_weights(arm))
 
 
 def _step(model, arm, residual):
@@ -291,9 +292,8 @@ def _step(model, arm, residual):
     jacobian = np.transpose(rows * scale, (2, 1, 0)) * weight
     right = (residual * scale).T[..., None]
     # damped: near a singular posture a plain inverse would leap
-    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + 1e-6 * LEVER_MM**2 * 1e-3 * np.eye(
-        arm.robot.joints
-    )
+    damping = 1e-6 * LEVER_MM**2 * 1e-3 * np.eye(arm.robot.joints)
+    normal = np.swapaxes(jacobian, 1, 2) @ jacobian + damping
     return (solve_positive(normal, np.swapaxes(jacobian, 1, 2) @ right)[..., 0] * weight).T
 
 
@@ -314,9 +314,9 @@ def _reading_weights(arm) -> np.ndarray:
 
 def _moved(arm) -> np.ndarray:
     """(R,) bool: readings that changed in the recording; True where its ranges are unknown."""
-    if arm.fitted_range is None:
-        return np.ones(arm.robot.mixing.shape[1], bool)
     moved = np.ones(arm.robot.mixing.shape[1], bool)
+    if arm.fitted_range is None:
+        return moved
     for k, slides in enumerate(sliding(arm.robot)):
         low, high = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
         moved[k] = high - low > (_STILL_MM if slides else np.rad2deg(_STILL_RAD))

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_model.configuration import (
+from robot_model.files.loading import load_robot
+from robot_model.postures.configuration import (
     configuration_name,
     configuration_signs,
     has_configurations,
 )
-from robot_model.loading import load_robot
+from robot_model.postures.task_priority import LEVER_MM
 from robot_model.robot import Robot
 from robot_model.state import sliding
-from robot_model.task_priority import LEVER_MM
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
 from workbench.files.targets import LIMIT_SLACK

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from robot_model.postures.task_priority import Task, pose_difference, pose_sizes
 from robot_model.state import sliding
-from robot_model.task_priority import Task, pose_difference, pose_sizes
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensation.compensate import actual_poses, nominal_poses
 

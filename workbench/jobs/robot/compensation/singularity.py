@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from robot_model.postures.task_priority import LEVER_MM
 from robot_model.robot import Robot
 from robot_model.state import sliding
-from robot_model.task_priority import LEVER_MM
 from workbench.jobs.robot.compensation.compensate import nominal_poses
 
 _STEP = 1e-4

@@ -12,10 +12,10 @@ from itertools import product
 import numpy as np
 
 from robot_model.chain import forward
-from robot_model.configuration import configuration_signs, has_configurations
 from robot_model.controller_conventions import parts_like_controller
+from robot_model.postures.configuration import configuration_signs, has_configurations
+from robot_model.postures.task_priority import Task
 from robot_model.robot import Robot
-from robot_model.task_priority import Task
 from workbench.core.errors import InputError
 from workbench.files.solution_file import CalibratedArm
 from workbench.files.targets import CONFIGURATION

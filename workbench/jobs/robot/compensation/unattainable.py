@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from robot_model.postures.task_priority import LEVER_MM
 from robot_model.state import sliding
-from robot_model.task_priority import LEVER_MM
 from workbench.jobs.robot.compensation.compensate import actual_poses, negligible_mm
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
 

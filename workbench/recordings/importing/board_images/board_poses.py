@@ -17,8 +17,8 @@ from datasets.importers.mapping.conversion import (
     complete_rows,
     other_columns,
 )
+from datasets.importers.mapping.joined_tables.sessions import SESSION
 from datasets.importers.mapping.model import Mapping
-from datasets.importers.mapping.sessions import SESSION
 from datasets.importers.source import ImageFile, RawTable
 from datasets.recording import Recording
 from sensors.hand_eye.checks.relative_motions import (

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.columns import FLANGE
 from datasets.importers.source import RawTable
+from datasets.samples.columns import FLANGE
 from sensors.hand_eye.checks.mistakes import Reading, pose_readings
 from sensors.hand_eye.checks.outlier_message import outlier_sentence
 from sensors.hand_eye.checks.review import UNEXPLAINED, Review

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.importers.mapping.joining import seconds_of
-from datasets.importers.mapping.row_names import may_name_rows, names_in_both
-from datasets.importers.mapping.sets import headers_of
+from datasets.importers.mapping.columns.sets import headers_of
+from datasets.importers.mapping.joined_tables.joining import seconds_of
+from datasets.importers.mapping.joined_tables.row_names import may_name_rows, names_in_both
 from datasets.importers.source import ImageFile, RawTable
 from datasets.importers.sources.choice import natural_order
 from workbench.core.errors import InputError

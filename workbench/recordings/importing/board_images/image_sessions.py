@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import InputError
-from datasets.importers.mapping.sessions import SESSION, appended, signature
-from datasets.importers.mapping.sets import find_sets, headers_of
+from datasets.importers.mapping.columns.sets import find_sets, headers_of
+from datasets.importers.mapping.joined_tables.sessions import SESSION, appended, signature
 from datasets.importers.source import ImageFile, RawTable, Source
 from workbench.recordings.importing.board_images.image_rows import file_link, matched_rows
 

@@ -11,7 +11,7 @@ from datasets.importers.mapping.candidates import (
     length_units,
     rotation_candidates,
 )
-from datasets.importers.mapping.column_units import unit_toml, unit_words
+from datasets.importers.mapping.columns.column_units import unit_toml, unit_words
 from datasets.importers.mapping.conversion import joint_columns, point_columns, rotation_columns
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable

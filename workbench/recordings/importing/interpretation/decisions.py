@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.columns import joint_columns
 from datasets.importers.mapping.candidates import (
     ANGLE_WORDS,
     LENGTH_WORDS,
     angle_units,
     point_readings,
 )
-from datasets.importers.mapping.column_units import (
+from datasets.importers.mapping.columns.column_units import (
     each_unit,
     joined_units,
     unit_toml,
@@ -21,6 +20,7 @@ from datasets.importers.mapping.column_units import (
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.units import DMS, LENGTHS, may_be_dms
 from datasets.recording import Recording
+from datasets.samples.columns import joint_columns
 from datasets.trust import naming_option
 from robot_model.chain import forward
 from robot_model.robot import Robot

@@ -6,7 +6,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from datasets.importers.mapping.candidates import ANGLE_UNITS, length_units
-from datasets.importers.mapping.column_units import each_unit, joined_units
+from datasets.importers.mapping.columns.column_units import each_unit, joined_units
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.units import ANGLES, LENGTHS
 from datasets.recording import Recording

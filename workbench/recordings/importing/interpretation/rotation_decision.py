@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from datasets.importers.mapping.candidates import Turn, reordered_candidates, rotation_candidates
-from datasets.importers.mapping.column_units import unit_toml
+from datasets.importers.mapping.columns.column_units import unit_toml
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from robot_model.robot import Robot

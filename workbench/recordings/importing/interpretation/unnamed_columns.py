@@ -11,13 +11,13 @@ from itertools import combinations, product
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import each_unit, joined_units
+from datasets.importers.mapping.columns.column_units import each_unit, joined_units
+from datasets.importers.mapping.columns.headers import Header
+from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.headers import Header
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.proposal import measures_of
-from datasets.importers.mapping.sets import headers_of
 from datasets.importers.source import RawTable
 from datasets.importers.units import ANGLES, LENGTHS
 from robot_model.robot import Robot

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.importers.mapping.column_units import unit_words
+from datasets.importers.mapping.columns.column_units import unit_words
 from datasets.importers.mapping.model import Mapping
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector

@@ -6,12 +6,12 @@ from itertools import combinations
 
 import numpy as np
 
-from datasets.columns import POINT, joint_columns
 from datasets.importers.mapping.candidates import ANGLE_WORDS, LENGTH_WORDS, rotation_candidates
-from datasets.importers.mapping.column_units import unit_words
+from datasets.importers.mapping.columns.column_units import unit_words
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.units import ANGLES
 from datasets.recording import Recording
+from datasets.samples.columns import POINT, joint_columns
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import fit_recording, row_mismatch

@@ -16,8 +16,8 @@ from functools import reduce
 
 import numpy as np
 
-from datasets.columns import joint_columns
 from datasets.recording import Recording
+from datasets.samples.columns import joint_columns
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.check import good_scale

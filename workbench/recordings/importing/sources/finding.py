@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from datasets.errors import InputError
+from datasets.importers.mapping.columns.reflectors import stacked, with_reflectors
+from datasets.importers.mapping.columns.sets import find_sets
 from datasets.importers.mapping.counts import refuse_counts
-from datasets.importers.mapping.joining import join_tables, zone_sentence
+from datasets.importers.mapping.joined_tables.joining import join_tables, zone_sentence
+from datasets.importers.mapping.joined_tables.sessions import APPEND, appended, session_groups
 from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import OF_PROGRAMS, QUANTITIES, Join, Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
-from datasets.importers.mapping.reflectors import stacked, with_reflectors
-from datasets.importers.mapping.sessions import APPEND, appended, session_groups
-from datasets.importers.mapping.sets import find_sets
 from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions

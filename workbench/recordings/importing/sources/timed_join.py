@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from datasets.importers.mapping.conversion import complete_rows
-from datasets.importers.mapping.joining import is_dense, join_tables, seconds_of
+from datasets.importers.mapping.joined_tables.joining import is_dense, join_tables, seconds_of
 from datasets.importers.mapping.model import Join, Mapping
 from datasets.importers.source import RawTable
 from robot_model.robot import Robot

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from datasets.importers.mapping.joining import with_own_names
+from datasets.importers.mapping.joined_tables.joining import with_own_names
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.mapping.proposal import measures_of, propose

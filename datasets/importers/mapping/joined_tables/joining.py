@@ -1,0 +1,372 @@
+"""Tables of several files as one: by row number, by a column that both have, or by time.
+
+The table with the fewest rows stays as it is (usually that of the tracker); numbers of a denser log are interpolated
+at its times, because a log samples a continuous motion (`interpolation`). A log with one row for each stop gives its
+nearest row.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from datasets.errors import complaint
+from datasets.importers.mapping.columns.sets import headers_of
+from datasets.importers.mapping.joined_tables.interpolation import interpolated
+from datasets.importers.mapping.joined_tables.row_names import (
+    OVERLAP,
+    differing_names,
+    match_share,
+    names_in_both,
+    other_keys,
+    repeated_keys,
+    shared_keys,
+    unused_names,
+)
+from datasets.importers.mapping.joined_tables.time_stamps import times_of
+from datasets.importers.mapping.model import Join
+from datasets.importers.source import RawTable
+
+_GAP = 5.0
+_LEAST_GAP_S = 0.5
+_STEP_OF_RANGE = (
+    1e-3  # of a joint between two rows of a log: encoders of a joint at rest change by far less
+)
+_QUARTER_S, _DAY_S = 900.0, 86400.0
+_MOST_ZONE_S = 26.5 * 3600
+_LEAST_DATED_S = -1e9
+"""Times of day without a date count from the year 1900."""
+_CLOSE_CALL = 0.7
+"""Ratio of the distances in time to the nearest stop and the second one from which on they are no clear choice."""
+_SLOWEST_LOG_S = 1.0
+"""Interval of a log between whose rows nothing is known of the motion."""
+
+
+def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join, tuple[str, ...]]:
+    """One table of several, how they were joined, and sentences on rows that were left out.
+
+    The offset of a join by time is the one that was used, with the difference of two time zones.
+
+    Raises InputError where nothing says which rows belong together.
+    """
+    joined, used, warnings = tables[0], join, []
+    for table in tables[1:]:
+        few, many = (joined, table) if joined.n <= table.n else (table, joined)
+        few, many = with_own_names(few, many)
+        used = join if join.by else _choose(few, many, join)
+        if used.by == "index":
+            joined = _by_index(few, many)
+            warnings += [] if join.by else unused_names(few, many)
+        elif used.by == "key":
+            joined, said = _by_key(few, many, used)
+            warnings += said
+        else:
+            joined, used, said = _by_time(few, many, used)
+            warnings += said
+    return joined, used, tuple(warnings)
+
+
+def with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTable]:
+    """The tables with the stem of the file in front of columns that both have."""
+    shared = set(first.columns) & set(second.columns)
+    return _prefixed(first, shared, "1"), _prefixed(second, shared, "2")
+
+
+def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
+    stem = table.stem or number
+    names = {name: f"{stem}: {name}" if name in shared else name for name in table.columns}
+    return replace(
+        table,
+        columns={names[name]: cells for name, cells in table.columns.items()},
+        units={names[name]: unit for name, unit in table.units.items()},
+        conventions={names[name]: word for name, word in table.conventions.items()},
+        time_name=names.get(table.time_name, ""),
+    )
+
+
+def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
+    """The way of joining that the tables themselves offer."""
+    for mine, its in shared_keys(few, many):
+        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
+            key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
+            return replace(join, by="key", key=key if key == other else None)
+    if few.n == many.n:
+        is_named = any(
+            match_share(few.columns[mine], many.columns[its]) == 1.0
+            for mine, its in other_keys(few, many)
+        )
+        return replace(join, by="key" if is_named else "index", key=None)
+    if seconds_of(few) is not None and seconds_of(many) is not None:
+        return replace(join, by="time")
+    for mine, its in [*other_keys(few, many), *repeated_keys(few, many)]:
+        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
+            return replace(join, by="key", key=None)
+    raise complaint(
+        f"{few.file} and {many.file}",
+        "equally many rows, a column with the same numbers or names in both, or times in both",
+        f"{few.n} and {many.n} rows, {differing_names(few, many) or 'no such column'}, and no times in both",
+        'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
+    )
+
+
+def _by_index(few: RawTable, many: RawTable) -> RawTable:
+    if few.n != many.n:
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "equally many rows to join them by index",
+            f"{few.n} and {many.n}",
+            "remove the surplus rows or join by key or time",
+        )
+    return _side_by_side(few, many)
+
+
+def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
+    return replace(
+        few,
+        file=f"{few.file} + {many.file}",
+        columns={**few.columns, **many.columns},
+        units={**few.units, **many.units},
+        conventions={**few.conventions, **many.conventions},
+        default_units={**few.default_units, **many.default_units},
+        warnings=(*few.warnings, *many.warnings),
+    )
+
+
+def _by_key(few: RawTable, many: RawTable, join: Join):
+    pairs = [*shared_keys(few, many), *other_keys(few, many), *repeated_keys(few, many)]
+    if join.key is not None:
+        named = [
+            [n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)
+        ]
+        pairs = [(named[0][0], named[1][0])] if all(named) else []
+    if not pairs:
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "a column that names the same rows in both",
+            "none",
+            "add it",
+        )
+    mine, its = max(
+        pairs, key=lambda pair: match_share(few.columns[pair[0]], many.columns[pair[1]])
+    )
+    keys, others = names_in_both(few.columns[mine], many.columns[its])
+    if len(set(others)) < len(others):  # the rows of `few` are looked up below
+        few, many, mine, its, keys, others = many, few, its, mine, others, keys
+    place = {value: row for row, value in enumerate(others)}
+    if len(place) < many.n:
+        raise complaint(
+            f"{few.file} and {many.file}, columns {mine} and {its}",
+            "every value once in one of the tables",
+            "values that repeat in both",
+            "number the rows or join by index or time",
+        )
+    rows = [row for row, value in enumerate(keys) if value in place]
+    if not rows:
+        raise complaint(
+            f"{few.file} and {many.file}, columns {mine} and {its}",
+            "common values",
+            "none",
+            "correct it",
+        )
+    order = [place[keys[row]] for row in rows]
+    other = many.take(np.array(order))
+    said = []
+    if few.n == many.n and join.key is None and order != list(range(few.n)):
+        said.append(
+            f"The rows of {few.file} and {many.file} are in different orders and are joined by the names in {mine} "
+            f'and {its}. If the rows belong together as they stand, write [join] by = "index" into a mapping file '
+            "for --map."
+        )
+    said += _key_sentences((few, many), (mine, its), keys, (len(rows), len(set(order))))
+    return _side_by_side(few.take(np.array(rows)), other), said
+
+
+def _key_sentences(tables, columns, keys, used) -> list[str]:
+    """Sentences on rows with one name and on rows that have no partner.
+
+    tables, columns: (2,) the first one's rows may repeat a name of the second one. keys: names of the first one's
+    rows. used: (2,) rows that have a partner.
+    """
+    (few, many), (mine, its) = tables, columns
+    said = []
+    is_own_name = mine.rpartition(": ")[2] != its.rpartition(": ")[2]
+    if is_own_name and len(set(keys)) < len(keys):
+        said.append(
+            f"Rows of {few.file} with one name in '{mine}' belong to one row of {many.file} ('{its}')."
+        )
+    for table, partner, count in ((few, many, used[0]), (many, few, used[1])):
+        if count < table.n:
+            lost = f"{table.n - count} of {table.n} rows"
+            said.append(f"{table.file}: {lost} have no row in {partner.file} and are left out.")
+    return said
+
+
+def _by_time(few: RawTable, many: RawTable, join: Join):
+    """The joined table, the join with the offset that was used, and sentences on time zone and rows left out."""
+    stated = join.time_offset_s or 0.0
+    mine, its = seconds_of(few), seconds_of(many)
+    for table, seconds in ((few, mine), (many, its)):
+        if seconds is None:
+            raise complaint(
+                table.file,
+                "a column with times to join by",
+                "none",
+                "name it time or join by index",
+            )
+    wanted = mine + stated
+    order = np.argsort(its, kind="stable")
+    times = its[order]
+    inside = _covered(wanted, times)
+    said = []
+    zone = 0.0 if inside.any() or stated else _time_zone(wanted, times)
+    if zone:
+        wanted = wanted + zone
+        inside = _covered(wanted, times)
+        said.append(zone_sentence(few, many, zone))
+    if inside.mean() < 0.5:
+        raise complaint(
+            f"{few.file} and {many.file}",
+            "clocks that agree",
+            f"times {mine.min():.3f} to {mine.max():.3f} s and {times[0]:.3f} to {times[-1]:.3f} s",
+            "add time_offset_s = <seconds to add to the first> under [join] to a mapping file for --map",
+        )
+    rows = np.flatnonzero(inside)
+    other = _interpolated(many, order, times, wanted[rows])
+    moving = _count_moving(many, order, times, wanted[rows])
+    if moving and is_dense(times):
+        said.append(
+            f"{few.file}: {moving} of {len(rows)} rows were measured while joints of {many.file} moved. Their joint "
+            "readings are interpolated: a clock error of 1 ms displaces a point that moves at 1 m/s by 1 mm. All rows "
+            "are kept, and columns such as qdot1_deg_s hold the joint speeds. If the arm also stood still, check the "
+            "result with these rows alone: `workbench calibrate --fit-samples` takes a list of the samples at rest."
+        )
+    if not is_dense(times):
+        said += _stop_sentences(few, many, times, wanted[rows])
+    lost = few.n - len(rows)
+    if lost:
+        said.append(
+            f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
+        )
+    used = replace(join, time_offset_s=stated + zone)
+    return _side_by_side(few.take(rows), other), used, said
+
+
+def _stop_sentences(
+    few: RawTable, many: RawTable, times: np.ndarray, wanted: np.ndarray
+) -> list[str]:
+    """How rows are assigned to the stops of a log, and which are about as near to two of them."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    sides = np.sort(np.abs(np.stack([wanted - times[after - 1], times[after] - wanted])), axis=0)
+    interval = float(np.median(np.diff(times)))
+    said = [
+        f"{many.file} has a row every {interval:.3g} s, which are taken for stops: each row of {few.file} takes the "
+        f"readings of the stop that is nearest in time, at most {sides[0].max():.3g} s away."
+    ]
+    doubtful = int((sides[0] > _CLOSE_CALL * sides[1]).sum())
+    if doubtful:
+        said.append(
+            f"{few.file}: {doubtful} of {len(wanted)} rows lie about as near to a second stop of {many.file}. If the "
+            "clocks differ by some seconds, state it with --time-offset, or number the stops in both files."
+        )
+    return said
+
+
+def is_dense(times: np.ndarray) -> bool:
+    """Whether a log with these times (n,) s samples the motion, and not only the stops."""
+    steps = np.diff(np.sort(times))
+    return bool(np.median(steps[steps > 0]) < _SLOWEST_LOG_S) if (steps > 0).any() else False
+
+
+def zone_sentence(few: RawTable, many: RawTable, zone_s: float) -> str:
+    """What the join says of clocks of two time zones, or of which one has no date."""
+    if abs(zone_s) > _MOST_ZONE_S:
+        return (
+            f"Only one of the clocks of {few.file} and {many.file} states a date, which is taken for both"
+            f"{_difference(zone_s)}."
+        )
+    return f"The clocks of {few.file} and {many.file} differ by {zone_s / 3600:g} h, which is taken for a time zone."
+
+
+def _difference(zone_s: float) -> str:
+    """The difference of the times of day, in words."""
+    rest = (zone_s + _DAY_S / 2) % _DAY_S - _DAY_S / 2
+    return f"; the times of day differ by {rest / 3600:g} h" if rest else ""
+
+
+def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> int:
+    """Number of times between two rows of a log over which a joint moves by more than a share of its range."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    is_moving = np.zeros(len(wanted), bool)
+    for name, header in headers_of(log).items():
+        values = log.columns[name]
+        if header.kind == "joint" and values.dtype.kind == "f":
+            steps = np.abs(np.diff(values[order]))
+            is_moving |= steps[after - 1] > _STEP_OF_RANGE * np.ptp(values)
+    return int(is_moving.sum())
+
+
+def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(n,) whether a time lies inside the log, and in no gap of it. times: of the log, ascending, s.
+
+    The first and the last stop of a log of stops also hold for half an interval before and after them.
+    """
+    interval = float(np.median(np.diff(times)))
+    margin = 0.0 if is_dense(times) else interval / 2
+    inside = (wanted >= times[0] - margin) & (wanted <= times[-1] + margin)
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    gap = times[after] - times[after - 1]
+    is_edge = (wanted < times[0]) | (wanted > times[-1])
+    return inside & (is_edge | (gap <= max(_GAP * interval, _LEAST_GAP_S)))
+
+
+def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:
+    """s between clocks of two time zones: the only multiple of 15 minutes by which the log covers all times.
+
+    0 where no multiple or several do. No time zone differs by more than 26 hours from another. Where only one of the
+    clocks has a date, the day of the other is that of the date.
+    """
+    days = 0.0
+    if (wanted[0] < _LEAST_DATED_S) != (times[0] < _LEAST_DATED_S):
+        days = _DAY_S * round((times.mean() - wanted.mean()) / _DAY_S)
+    shifts = days + _QUARTER_S * np.arange(-104, 105)
+    fitting = [shift for shift in shifts if _covered(wanted + shift, times).mean() >= OVERLAP]
+    if days:  # the smallest difference of the times of day: a log may cover several zones
+        fitting = sorted(fitting, key=lambda shift: abs(shift - days))[:1]
+    return float(fitting[0]) if len(fitting) == 1 else 0.0
+
+
+def _interpolated(
+    table: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray
+) -> RawTable:
+    """Rows of a log at other times: numbers interpolated, text and rotations from the nearest row.
+
+    A log with one row for each stop is not interpolated: the arm stood where the nearest row says.
+    """
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    nearest = order[np.where(wanted - times[after - 1] < times[after] - wanted, after - 1, after)]
+    taken = table.take(nearest)
+    if not is_dense(times):
+        return taken
+    columns = dict(taken.columns)
+    for name, header in headers_of(table).items():
+        if table.columns[name].dtype.kind == "f" and header.kind in (
+            "joint",
+            "xyz",
+            "qindex",
+            "temperature_c",
+        ):
+            is_joint_set = header.kind != "qindex" or header.words
+            if is_joint_set:
+                columns[name] = interpolated(times, table.columns[name][order], wanted)
+    return replace(taken, columns=columns)
+
+
+def seconds_of(table: RawTable) -> np.ndarray | None:
+    """(n,) times of the rows in s; None where the table has no times, or some that cannot be read."""
+    return times_of(table)[0]
+
+
+def time_columns(table: RawTable) -> tuple[str, ...]:
+    """Names of the columns that `seconds_of` reads; () where it finds no times."""
+    seconds, names = times_of(table)
+    return () if seconds is None else names

@@ -1,0 +1,1 @@
+"""Robot programs: positions of the controllers' files, their tool and frame, and programs with other positions."""

@@ -1,0 +1,1 @@
+"""Errors that many corners share: variance components, displaced board lines, and their part of the covariance."""

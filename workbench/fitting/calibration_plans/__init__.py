@@ -1,0 +1,1 @@
+"""Which stages and effects a calibration estimates: the default plan, plans from files, and tests of their stages."""

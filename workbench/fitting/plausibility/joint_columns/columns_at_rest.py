@@ -1,0 +1,55 @@
+"""Joint columns that stay constant while the arm moves: an encoder that is stuck, a column copied by mistake."""
+
+import numpy as np
+
+from datasets.samples.columns import joint_columns
+
+_LEAST_RUN, _MOST = 10, 0.7
+
+
+def constant_columns(recording) -> list[str]:
+    """Joint columns with one value only, where at least one other column varies."""
+    names = joint_columns(recording.columns)
+    still = [name for name in names if np.ptp(recording.columns[name]) == 0]
+    return still if len(still) < len(names) else []
+
+
+def equal_columns(recording) -> list[tuple[str, str]]:
+    """Pairs of varying joint columns with the same values: one was copied over the other."""
+    names = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
+    values = recording.columns
+    return [
+        (a, b)
+        for k, a in enumerate(names)
+        for b in names[k + 1 :]
+        if np.array_equal(values[a], values[b])
+    ]
+
+
+def longest_run(recording) -> tuple[str, int, int] | None:
+    """The longest run of poses in which one otherwise varying column stays while the others change.
+
+    Returns the column and the first and last row number; None where no run has ten poses.
+    """
+    names = [
+        name for name in joint_columns(recording.columns) if np.ptp(recording.columns[name]) > 0
+    ]
+    if len(names) < 2:
+        return None
+    steps = np.array([np.diff(recording.columns[name]) != 0 for name in names])
+    moves = np.flatnonzero(
+        steps.any(axis=0)
+    )  # from one pose to the next; several rows may share a pose
+    steps = steps[:, moves]
+    best = None
+    for k, name in enumerate(names):
+        others = np.delete(steps, k, axis=0)
+        stuck = ~steps[k] & (others.mean(axis=0) > _MOST)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck, [0]]).astype(int)))
+        for start, end in zip(edges[::2], edges[1::2]):
+            if end - start >= _LEAST_RUN and (best is None or end - start > best[3]):
+                last = moves[end] if end < len(moves) else recording.n - 1
+                best = name, int(moves[start]), int(last), end - start
+    return None if best is None else best[:3]
