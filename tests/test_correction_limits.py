@@ -131,18 +131,43 @@ def test_wider_limits_or_force_let_it_pass(workbench, tmp_path, words):
     assert any("--force: 1 targets" in one for one in answer["warnings"]) == (words == ("--force",))
 
 
-@pytest.mark.parametrize(("measured_mm", "is_refused"), [(3.0, False), (0.1, True)])
-def test_larger_corrections_pass_where_the_measured_error_confirms_them(
-    tmp_path, measured_mm, is_refused
-):
-    """A coupling of the wrist turns the tool by 1.2 deg within the recorded range."""
+def coupled_wrist(folder, measured_mm):
+    """A solution with a coupling of the wrist that turns the tool by 1.2 deg within the recorded range."""
     coupling = {"effect": "joint-coupling", "where": "joint-5", "joint": 4}
     values = {
         "joint-5.joint-coupling.from4": 0.03,
         "joint-3.theta3": load_robot(ABB).geometry[2, 0],
     }
-    nominal = {"rms_mm": measured_mm}
-    arm = read_solution(solution(tmp_path / "arm", [coupling], values, nominal=nominal))
+    return solution(folder, [coupling], values, nominal={"rms_mm": measured_mm})
+
+
+CONFIRMED = pytest.mark.parametrize(("measured_mm", "is_refused"), [(3.0, False), (0.1, True)])
+
+
+@CONFIRMED
+def test_an_exported_module_has_the_limits_of_compensate(
+    workbench, tmp_path, measured_mm, is_refused
+):
+    coupled_wrist(tmp_path / "arm", measured_mm)
+    target = [0.0, 10.0, 10.0, 60.0, 30.0, 0.0]
+    text = ",".join(f"{angle:g}" for angle in target)
+    answer, _, _ = answer_of(
+        workbench, tmp_path, f"{JOINTS}\n{text}\n", status=1 if is_refused else 0
+    )
+    done = workbench("export", "arm", "--to", "python", "--out", "arm.py")
+    assert done.returncode == 0, done.stdout + done.stderr
+    module: dict = {"__name__": "arm"}
+    exec((tmp_path / "arm.py").read_text(), module)
+    readings, _ = module["corrected_readings"]([target])
+    assert len(answer["refused"]) == is_refused
+    assert np.isfinite(readings).all() != is_refused
+
+
+@CONFIRMED
+def test_larger_corrections_pass_where_the_measured_error_confirms_them(
+    tmp_path, measured_mm, is_refused
+):
+    arm = read_solution(coupled_wrist(tmp_path / "arm", measured_mm))
     assert (largest_corrections(arm) == (10.0, 1.0)) == is_refused
     assert Limits(correction_deg=0.5).largest_correction(arm)[1] == 0.5
 

@@ -168,6 +168,7 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     from workbench.files.exports.mjcf import control_terms, left_out, mjcf
     from workbench.files.exports.mjcf_check import check_mjcf
     from workbench.files.exports.python import python_module
+    from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 
     text = mjcf(arm)
     texts: dict[Path, str | bytes] = {file: text}
@@ -177,7 +178,7 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     notes: tuple[str, ...] = ()
     if control:
         module = file.with_name(f"{file.stem.replace('-', '_')}_control.py")
-        texts[module] = python_module(arm)
+        texts[module] = python_module(arm, largest_corrections(arm))
         check_python(arm, str(texts[module]))
         notes = (
             f"{', '.join(control)}: on joints and no springs, so that MJCF cannot hold them; {module.name} has them: "
@@ -191,8 +192,9 @@ def _python(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     from workbench.files.exports.check import check_python
     from workbench.files.exports.python import python_module
     from workbench.files.exports.python.module import observed_effects
+    from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 
-    text = python_module(arm)
+    text = python_module(arm, largest_corrections(arm))
     back()
     check_python(arm, text)
     observed = set(map(id, observed_effects(arm)))

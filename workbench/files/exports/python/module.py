@@ -62,17 +62,19 @@ errors_left = ARM.errors_left
 """
 
 
-def python_module(arm: CalibratedArm) -> str:
+def python_module(
+    arm: CalibratedArm, largest: tuple[float, float] = (LARGEST_MM, LARGEST_DEG)
+) -> str:
     """Python source that gives the same flange poses and corrected readings as the calibrated arm.
 
     It holds every term that moves the flange, and needs numpy alone. The classes of the terms are those of the
-    workbench, so that a term has one definition.
+    workbench, so that a term has one definition. largest: corrections (mm, deg) above which it gives no readings.
     """
     observed = observed_effects(arm)
     kinds = list(dict.fromkeys(type(effect) for effect in (*arm.acting_effects, *observed)))
     roots = [Symbol(runtime.__name__, "CorrectedArm")]
     roots += [Symbol(kind.__module__, kind.__name__) for kind in kinds]
-    data = json.dumps(arm_data(arm, _used_ranges(arm)), indent=1)
+    data = json.dumps(arm_data(arm, _used_ranges(arm), largest), indent=1)
     head = _HEAD.format(
         **_usage(arm),
         name=arm.robot.name,
@@ -89,7 +91,11 @@ def python_module(arm: CalibratedArm) -> str:
     return f"{head}\n{bundle(roots, _METHODS)}\n\n{constants}\n{tail}"
 
 
-def arm_data(arm: CalibratedArm, ranges: Mapping | None = None) -> dict:
+def arm_data(
+    arm: CalibratedArm,
+    ranges: Mapping | None = None,
+    largest: tuple[float, float] = (LARGEST_MM, LARGEST_DEG),
+) -> dict:
     """Robot, parameter values, place of the load, and what a correction is compared with, as JSON; nan is null."""
     names = [f.name for f in fields(arm.robot) if f.name != "joint_names"]
     robot = {name: _plain(getattr(arm.robot, name)) for name in names}
@@ -98,7 +104,7 @@ def arm_data(arm: CalibratedArm, ranges: Mapping | None = None) -> dict:
         "values": dict(arm.values),
         "load_centre": _plain(arm.load_centre),
         "ranges": {} if ranges is None else ranges,
-        "largest_correction": [LARGEST_MM, LARGEST_DEG],
+        "largest_correction": list(largest),
         "rows": arm.rows,
     }
 

@@ -146,8 +146,9 @@ class CorrectedArm:
         rotation at a lever of 200 mm; a target is reached where it is below 0.001 mm.
 
         Readings are nan where the target is not reached or they exceed the limits of the joints. They are also nan
-        where the correction, or what is left of it, is above `largest_correction` (10 mm, 1 deg), or where joint
-        readings or covariates are outside their recorded range by more than its extent; force=True accepts these.
+        where the correction, or what is left of it, is above `largest_correction` (10 mm and 1 deg, or more where the
+        measured error of the nominal arm confirms it), or where joint readings or covariates are outside their
+        recorded range by more than its extent; force=True accepts these.
 
         An arm that cannot move its tool in all six directions corrects the position of the first calibrated point,
         then the orientation as far as its joints allow. The error left is then that of this point and of the
