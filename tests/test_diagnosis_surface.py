@@ -1,14 +1,17 @@
-"""Diagnosis of a profiler and of a 3-D camera from distances to a ball."""
+"""Diagnosis of a profiler and of a 3-D camera from distances to a ball, and from ball centres."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from datasets.recording import Recording
 from workbench.commands import cli
 from workbench.core.errors import InputError
 from workbench.diagnosis.scanner.surface import diagnose_surface
+from workbench.fitting.verdicts.verdict import AS_STATED
 from workbench.recordings.templates.scanner_kinds import example
 
 KINDS = ("profiler", "3d-camera")
@@ -120,6 +123,51 @@ def test_drift_with_a_recorded_column_is_named(recordings):
     answer = diagnosed(with_error(recording, 0.03 * (warm - 25), temperature_c=warm))
     assert [one["effect"] for one in answer["effects"]] == ["recorded-column"]
     assert "temperature_c" in answer["effects"][0]["label"]
+
+
+def centres(error=lambda place, pose, flange: 0.0, n=40, seed=0):
+    """Ball centres in the frame of a sensor that a robot with a random error of 0.03 mm carries around two balls."""
+    rng = np.random.default_rng(seed)
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    mount[:3, 3] = 40.0, -60.0, 90.0
+    balls = np.array([[900.0, 50.0, 200.0], [950.0, -150.0, 250.0]])
+    rows = []
+    for k in range(n):
+        place = np.array([*rng.uniform(-60, 60, 2), rng.uniform(250, 450)])
+        sensor = np.eye(4)
+        angles = (180 + rng.uniform(-35, 35), rng.uniform(-35, 35), rng.uniform(-170, 170))
+        sensor[:3, :3] = Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+        sensor[:3, 3] = balls[k % 2] - sensor[:3, :3] @ place
+        flange = sensor @ np.linalg.inv(mount)
+        x, y, z, w = Rotation.from_matrix(flange[:3, :3]).as_quat()
+        measured = place + rng.normal(0, 0.02, 3) + error(place, k, flange)
+        stated = flange[:3, 3] + rng.normal(0, 0.03, 3)
+        rows.append([k + 1, k + 1, k % 2 + 1, *stated, w, x, y, z, *measured])
+    names = ("sample", "pose", "ball", *FLANGE, "x_mm", "y_mm", "z_mm")
+    columns = dict(zip(names, np.array(rows).T))
+    return Recording("ball-centre", columns, None, sigma_mm=0.02, name="centres")
+
+
+FLANGE = ("flange_x_mm", "flange_y_mm", "flange_z_mm") + tuple(f"flange_q{axis}" for axis in "wxyz")
+CENTRES = {
+    "range-scale": lambda place, pose, flange: np.array([0, 0, 1e-3 * (place[2] - 350)]),
+    "base-drift": lambda place, pose, flange: flange[:3, :3].T @ np.array([4e-3, 0, 4e-3]) * pose,
+    "unknown": lambda place, pose, flange: np.array([0, 0, 0.12 * np.sin(place[0] / 8)]),
+}
+
+
+@pytest.mark.parametrize("name", CENTRES)
+def test_effects_are_found_from_ball_centres(name):
+    answer = diagnosed(centres(CENTRES[name]))
+    assert [one["effect"] for one in answer["effects"]] == [name]
+    assert (answer["verdict"] == "unexplained") == (name == "unknown")
+
+
+def test_ball_centres_without_an_effect_are_consistent():
+    answer = diagnosed(centres())
+    assert answer["verdict"] == "consistent" and answer["held_out"]["noise_from"] == AS_STATED
+    assert "ball-radius" not in {row["effect"] for row in answer["smallest_visible"]}
 
 
 def test_too_few_poses_are_refused(recordings):

@@ -129,10 +129,10 @@ def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
         diagnosis = diagnose_surface(found, say)
         result = diagnosis.as_json()
         held_out = result["held_out"]
-        error = Residual(
-            held_out["after_mm"], "mm", "held-out RMS distance of the points from the ball"
-        )
-        noise = Noise(held_out["noise_mm"], held_out["noise_from"])
+        error = Residual(held_out["after_mm"], "mm", diagnosis.error_name)
+        noise = None
+        if held_out["noise_mm"] is not None:
+            noise = Noise(held_out["noise_mm"], held_out["noise_from"])
         verdict = judge(error, noise, tolerances, "an effect of the sensor that no test names")
         result |= {"verdict_details": verdict.as_json(), "run": run.path}
         result["input"] = runs.input_name(recording)

@@ -27,6 +27,7 @@ from workbench.diagnosis.scanner.surface_problem import (
     LEAST_NOISE,
     SurfaceData,
     linearised,
+    linearised_centres,
     pairs_at,
     pose_error,
     robust_spread,
@@ -36,6 +37,7 @@ from workbench.diagnosis.scanner.surface_problem import (
 from workbench.diagnosis.scanner.surface_search import Found, Search
 from workbench.diagnosis.validation.folds import LEAST_FOLDS
 from workbench.diagnosis.validation.held_out import rms
+from workbench.fitting.verdicts.verdict import AS_STATED
 from workbench.jobs.sensor import hand_eye
 
 FEWEST = 8
@@ -76,6 +78,19 @@ class SurfaceDiagnosis:
         is_certain = all(found.probability >= CONFIDENCE for found in self.retained)
         return "explained" if is_certain else "ambiguous"
 
+    @property
+    def error_name(self) -> str:
+        """Of the held-out error."""
+        if self.recording.measures == "ball-surface":
+            return "held-out RMS distance of the points from the ball"
+        return "held-out RMS error of a coordinate of the ball centres"
+
+    @property
+    def _noise_from(self) -> str:
+        if self.recording.measures == "ball-surface":
+            return "from points of one pose and from the flange poses"
+        return AS_STATED if np.isfinite(self.noise) else "unknown"
+
     def as_json(self) -> dict:
         """The answer of `diagnose --json`."""
         everything = np.ones(len(self.before), bool)
@@ -91,8 +106,8 @@ class SurfaceDiagnosis:
             "held_out": {
                 "before_mm": rms(self.before, everything),
                 "after_mm": rms(self.after, everything),
-                "noise_mm": self.noise,
-                "noise_from": "from points of one pose and from the flange poses",
+                "noise_mm": self.noise if np.isfinite(self.noise) else None,
+                "noise_from": self._noise_from,
                 "folds": LEAST_FOLDS,
                 "scheme": "whole poses",
             },
@@ -166,8 +181,9 @@ class SharedErrors:
 
 
 def is_surface(recording: Recording) -> bool:
-    """Whether a recording holds points on a ball at flange poses, without an arm to diagnose."""
-    return recording.measures == "ball-surface" and not recording.joints.shape[1]
+    """Whether a recording holds points on a ball, or ball centres, at flange poses, without an arm to diagnose."""
+    measured = recording.measures in ("ball-surface", "ball-centre")
+    return measured and not recording.joints.shape[1]
 
 
 def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> SurfaceDiagnosis:
@@ -178,16 +194,18 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> S
             f"{recording.name}: expected {FEWEST} poses or more to test effects of the sensor, found "
             f"{len(run.flange)}; record more poses"
         )
-    data = linearised(recording, run.made)
+    is_centres = recording.measures == "ball-centre"
+    data = (linearised_centres if is_centres else linearised)(recording, run.made)
     progress("testing effects of the sensor")
     tested = candidates(recording, data, run.made.kind == "profiles")
     search = Search(data, tested)
     retained, refused = search.run()
     terms = [found.candidate for found in retained]
     columns = np.concatenate([data.baseline, *(one.columns for one in terms)], axis=1)
-    left = _remaining(data, columns)
-    within = without_pose_shifts(left, data.normal, data.pose)
-    noise = max(robust_spread(within), LEAST_NOISE)
+    if is_centres:
+        shared, noise = None, _stated_noise(recording)
+    else:
+        shared, noise = _remaining_errors(data, columns)
     return SurfaceDiagnosis(
         recording,
         data,
@@ -195,11 +213,18 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> S
         tuple(refused),
         before=data.held_out(data.baseline),
         after=data.held_out(columns),
-        shared=_shared_errors(data, within),
-        noise=float(np.hypot(noise, pose_error(data, left, noise))),
+        shared=shared,
+        noise=noise,
         covariates=_covariates(tested, terms),
         detectable=tuple(search.detectable_sizes(terms)),
     )
+
+
+def _stated_noise(recording: Recording) -> float:
+    """mm, of a coordinate of a centre; NaN where it is not stated."""
+    if recording.sigma is None:
+        return float("nan")
+    return float(np.sqrt(np.mean(recording.sigma**2)))
 
 
 def _covariates(tested: list[Candidate], terms: list[Candidate]) -> dict[str, np.ndarray]:
@@ -209,11 +234,15 @@ def _covariates(tested: list[Candidate], terms: list[Candidate]) -> dict[str, np
     }
 
 
-def _remaining(data: SurfaceData, columns: np.ndarray) -> np.ndarray:
-    """(n,) mm, residuals of a fit of columns (n, k)."""
+def _remaining_errors(data: SurfaceData, columns: np.ndarray) -> tuple[SharedErrors | None, float]:
+    """Errors that points of a pose share next to a fit of columns (n, k), and the noise (mm) of points and poses."""
     white, target = data.whitened(columns), data.whitened(data.residual[:, None])[:, 0]
     solution = np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
-    return data.residual - columns @ solution
+    remaining = data.residual - columns @ solution
+    within = without_pose_shifts(remaining, data.normal, data.pose)
+    noise = max(robust_spread(within), LEAST_NOISE)
+    noise_of_poses = pose_error(data, remaining, noise)
+    return _shared_errors(data, within), float(np.hypot(noise, noise_of_poses))
 
 
 def _shared_errors(data: SurfaceData, remaining: np.ndarray) -> SharedErrors | None:

@@ -20,7 +20,7 @@ from workbench.diagnosis.scanner.surface_problem import SurfaceData
 UNKNOWN = "unknown"
 _STEEPEST = np.deg2rad(75.0)
 """Incidence from which on the shift along the ray, which grows with its tangent, grows no more."""
-_DRIFT_DEGREE = 3
+_DRIFT_DEGREES = (1, 3)
 _DEGREES = (1, 2, 3, 5)
 """Of the polynomials of an alternative."""
 _COSINES = (8, 12, 20, 32)
@@ -58,28 +58,34 @@ class Candidate:
 
 def candidates(recording: Recording, data: SurfaceData, is_profile: bool) -> list[Candidate]:
     """All effects and alternatives; is_profile: points lie in the plane y = 0 of the sensor."""
-    found = [*_of_sensor(data, is_profile), *_of_ball(data), *_of_poses(data)]
+    found = [*_of_range(data), *_field_biases(data, is_profile), *_of_poses(data)]
+    covariates = _covariates(data, is_profile)
+    if recording.measures == "ball-surface":
+        incidence = np.arccos(_cosine(data, is_profile))
+        covariates["incidence"] = np.rad2deg(incidence)
+        found += [_of_incidence(incidence), *_of_ball(data)]
     recorded_columns = dict(_recorded(recording, data))
     for name, values in recorded_columns.items():
         column = (data.along(2) * _standardised(values))[:, None]
         label = f"z errs with {name}"
         about = (recorded.RecordedColumn.effect, "sensor", label, ("slope",), ("mm",))
         found.append(Candidate(*about, column, (name,), values))
-    covariates = _covariates(data, is_profile) | recorded_columns
-    return found + list(_smooth(data, covariates, is_profile))
+    return found + list(_smooth(data, covariates | recorded_columns, is_profile))
 
 
-def _of_sensor(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
+def _of_range(data: SurfaceData) -> Iterator[Candidate]:
     z = data.local[2]
     depth = (data.along(2) * (z - np.median(z)))[:, None]
     about = (surface.RangeScale.effect, "sensor", "scale of z", ("scale",), ("mm/mm",))
     yield Candidate(*about, depth, ("z",), z)
-    yield from _field_biases(data, is_profile)
-    cosine = _cosine(data, is_profile)
-    tangent = (np.tan(np.arccos(cosine)) * -cosine)[:, None]
+
+
+def _of_incidence(incidence: np.ndarray) -> Candidate:
+    """incidence (n,): rad."""
     label = "shift along the ray with incidence"
     about = (surface.IncidenceBias.effect, "sensor", label, ("shift",), ("mm",))
-    yield Candidate(*about, tangent, ("incidence",), np.rad2deg(np.arccos(cosine)))
+    column = -np.tan(incidence) * np.cos(incidence)
+    return Candidate(*about, column[:, None], ("incidence",), np.rad2deg(incidence))
 
 
 def _field_biases(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
@@ -125,12 +131,13 @@ def _of_poses(data: SurfaceData) -> Iterator[Candidate]:
     names = tuple(f"sag_{axis}" for axis in AXES)
     yield Candidate(*about, names, ("mm",) * 3, in_flange * gravity, ("attitude",))
     order = _unit(data.pose)
-    powers = legvander(order, min(_DRIFT_DEGREE, len(data.sensor) // 8))[:, 1:]
-    columns = (data.normal[:, :, None] * powers[:, None]).reshape(len(order), -1)
-    names = tuple(f"{axis}_{k + 1}" for axis in AXES for k in range(powers.shape[1]))
-    label = "the base, or the ball, moves slowly from pose to pose"
-    about = (BaseDrift.effect, "base", label, names, ("mm",) * len(names))
-    yield Candidate(*about, columns, ("order",), data.pose + 1.0)
+    for degree in _DRIFT_DEGREES:
+        powers = legvander(order, degree)[:, 1:]
+        columns = (data.normal[:, :, None] * powers[:, None]).reshape(len(order), -1)
+        names = tuple(f"{axis}_{k + 1}" for axis in AXES for k in range(degree))
+        label = f"base or ball move slowly from pose to pose, a polynomial of degree {degree}"
+        about = (BaseDrift.effect, "base", label, names, ("mm",) * len(names))
+        yield Candidate(*about, columns, ("order",), data.pose + 1.0)
 
 
 def _recorded(recording: Recording, data: SurfaceData) -> Iterator[tuple[str, np.ndarray]]:
@@ -142,11 +149,10 @@ def _recorded(recording: Recording, data: SurfaceData) -> Iterator[tuple[str, np
 
 
 def _covariates(data: SurfaceData, is_profile: bool) -> dict[str, np.ndarray]:
-    covariates = dict(zip(AXES, data.local))
+    covariates = dict(zip(AXES, data.local)) | {"order": data.pose + 1.0}
     if is_profile:
         del covariates["y"]
-    incidence = np.rad2deg(np.arccos(_cosine(data, is_profile)))
-    return covariates | {"incidence": incidence, "order": data.pose + 1.0}
+    return covariates
 
 
 def _smooth(data: SurfaceData, covariates, is_profile: bool) -> Iterator[Candidate]:

@@ -1,5 +1,6 @@
-"""Distances of measured points from a ball, linearised in the hand-eye transform and the centre of the ball.
+"""Distances of measured points from a ball, or of measured ball centres from their means, linearised.
 
+The baseline is the hand-eye transform and the centres of the balls.
 The errors of flange poses are random effects: they move all points of one pose alike, so that they do not pass for an
 effect of the sensor.
 """
@@ -115,6 +116,35 @@ def _at(local, pose, rows, flange, solution, error) -> SurfaceData:
     inliers = np.abs(residual - np.median(residual)) < _OUTLIER_SIGMAS * spread
     parts = (residual[inliers], normal[inliers], pose[inliers], baseline[inliers])
     return SurfaceData(*parts, noise, error, local[:, inliers], flange, sensor, rows[inliers])
+
+
+def linearised_centres(recording: Recording, found: HandEye) -> SurfaceData:
+    """The problem of measured ball centres: three distances each, along the axes of the base.
+
+    Errors of flange poses and of centres are one random error: a pose has no second point that would distinguish them.
+    """
+    pose = np.unique(recording.poses, return_inverse=True)[1]
+    first = np.unique(pose, return_index=True)[1]
+    ball = np.unique(recording.ball, return_inverse=True)[1]
+    flange = flange_poses(recording)[first]
+    sensor = flange @ found.sensor
+    local = recording.points.T
+    points = np.einsum("nij,jn->ni", sensor[pose, :3, :3], local) + sensor[pose, :3, 3]
+    count = np.bincount(ball)
+    means = np.stack([np.bincount(ball, column) / count for column in points.T], axis=1)
+    # each row is repeated for x, y and z of the base
+    axes = np.tile(np.eye(3), (len(pose), 1))
+    rows = np.repeat(np.arange(len(pose)), 3)
+    in_flange = np.einsum("nji,nj->ni", flange[pose[rows], :3, :3], axes)
+    arm = (local.T @ found.sensor[:3, :3].T)[rows]
+    by_rotation = np.einsum("ni,nij->nj", in_flange, -skew(arm))
+    of_ball = -axes[:, None] * (ball[rows, None] == np.arange(len(count)))[:, :, None]
+    baseline = np.concatenate([in_flange, by_rotation, of_ball.reshape(len(rows), -1)], axis=1)
+    residual = (points - means[ball]).reshape(-1)
+    fitted = residual - baseline @ np.linalg.lstsq(baseline, residual, rcond=ROUNDING)[0]
+    noise = max(robust_spread(fitted), LEAST_NOISE)
+    parts = (residual, axes, pose[rows], baseline, noise, LEAST_NOISE, local[:, rows])
+    return SurfaceData(*parts, flange, sensor, rows)
 
 
 def robust_spread(values: np.ndarray) -> float:

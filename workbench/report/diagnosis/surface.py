@@ -20,6 +20,10 @@ _NAMES = {
     "incidence": "angle of incidence, deg",
     "order": "pose, in the order of the recording",
 }
+_ERRORS = {
+    "ball-surface": "Errors are distances of measured points from the ball.",
+    "ball-centre": "Errors are the coordinates of measured ball centres in the base, less their mean.",
+}
 _WHEN = (("baseline", style.GREY), ("with findings", style.BLUE))
 
 
@@ -34,8 +38,8 @@ def page(diagnosis: SurfaceDiagnosis, answer: Mapping) -> Page:
     ]
     lead = [
         f"Verdict: {answer['verdict']}. {answer['verdict_details']['sentence']}",
-        "Errors are distances of measured points from the ball, with the hand-eye transform and the centre of the ball "
-        "estimated, and a random error of every flange pose. Each effect is tested by an F-test and by held-out poses.",
+        f"{_ERRORS[diagnosis.recording.measures]} Hand-eye transform and centres of balls are estimated, with a random "
+        "error of every flange pose. Each effect is tested by an F-test and by held-out poses.",
     ]
     return Page(
         "Diagnosis of the sensor",
@@ -90,7 +94,9 @@ def _effects(answer: Mapping):
 
 def _errors(diagnosis: SurfaceDiagnosis):
     for k, (name, values) in enumerate(list(diagnosis.covariates.items())[:_MOST_FIGURES]):
-        caption = "Signed distance from the ball. Lines are means of bins; they are flat where nothing depends on it."
+        caption = (
+            "Signed error. Lines are means of bins; they are flat where nothing depends on it."
+        )
         yield figure(f"error-{k}", _over(diagnosis, name, values), caption)
 
 
