@@ -147,6 +147,24 @@ def test_correlated_noise_of_unknown_size_asks_for_repeats():
     answer = diagnose(replace(correlated(3, 0.7), sigma_mm=None))
     assert answer.correlation is not None
     assert answer.experiment.sentence.startswith("Measure some poses again at other times")
+    assert any("nothing distinguishes slow noise from an effect" in one for one in answer.warnings)
+
+
+def test_unknown_noise_is_at_most_what_the_final_model_leaves():
+    """A drift that was refused takes its part off the residual, and that part is no finding."""
+    drifting = correlated(1, 0.0, n=40, effects=[DRIFT], values=[10 * SIGMA, 0, 0, 0, 0, 0])
+    made = bench_of(replace(drifting, sigma_mm=None))
+    before = made.problem((), hypotheses=False)
+    after = made.problem((DRIFT,), hypotheses=False).conditional_on()
+    found = SimpleNamespace(
+        before=before, after=after, outliers=np.zeros(40, bool), noise_findings=()
+    )
+    refused = FinalModel(made, found, "mm").noise
+    proof = Proof(1.0, 1.0, 1.0, 0.0, 5, *refused, np.ones((2, 40)), np.arange(40) // 8)
+    final = FinalModel(made, found, "mm", ()).with_noise(proof)
+    squares = ((before.residual * before.units) ** 2).sum() / before.degrees
+    assert refused[0] < 0.8 * final.noise
+    assert final.noise == pytest.approx(np.sqrt(3 * squares), rel=0.02)
 
 
 def test_noise_of_replicates_is_that_of_the_final_model():

@@ -197,7 +197,7 @@ def _whole(
         shares=shares,
         outliers=last.outliers(),
         not_recorded=missing_of(terms),
-        warnings=_warnings(bench, recording, terms, correlation),
+        warnings=_warnings(last, recording, terms, correlation),
         provenance=dict(provenance(recording)),
         fixed=fixed_points(recording, bench, terms),
         by_kind=by_kind,
@@ -325,12 +325,13 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     return proved, terms
 
 
-def _warnings(bench, recording, terms=(), correlation=None) -> tuple[str, ...]:
+def _warnings(last: FinalModel, recording, terms=(), correlation=None) -> tuple[str, ...]:
     """List what is in doubt about this recording, and what its answer cannot contain."""
+    bench = last.bench
     on_data = bench.warnings or recording.warnings
     chain = bench.chain
     if correlation is not None:
-        on_data = (*on_data, correlated_noise(correlation))
+        on_data = (*on_data, correlated_noise(correlation, last.is_noise_unknown))
     if chain is None:
         return (*on_data, *image_warnings(bench, terms))
     if chain.robot.mass.any() or chain.state.payload.any():

@@ -68,14 +68,14 @@ class FinalModel:
         return np.sqrt(squares).reshape(-1, self.before.n)
 
     def with_noise(self, proof: Proof) -> Proof:
-        """The proof with the noise of replicates, and what the uncertainty of the parameters adds to the noise.
+        """The proof with the noise of the final model, and what the uncertainty of the parameters adds to it.
 
-        Replicates by the final model: terms that were refused may follow the noise of single repeats.
+        Terms that were refused may follow the noise of single repeats, and take structure off what remains.
         """
         inliers = ~self.found.outliers
         factors = tuple(variance_factor(p, proof.fold, inliers) for p in (self.before, self.after))
         noise, source = self.noise
-        if source == replicates.FROM_REPLICATES:
+        if source in (replicates.FROM_REPLICATES, replicates.UNKNOWN):
             proof = replace(proof, noise=noise)
         return replace(proof, variance_factors=factors)
 
