@@ -10,6 +10,7 @@ import numpy as np
 from datasets.errors import complaint
 from datasets.recording import Recording
 from datasets.samples.columns import INTEGERS
+from datasets.samples.group_names import with_group_names
 from workbench.core.robot_files.robot_description import copy_description
 from workbench.core.text.csv_text import write_rows
 from workbench.core.vocabulary import Covariate
@@ -80,7 +81,8 @@ def _write_files(recording: Recording, folder: Path, samples: str, copy: bool = 
         if recording.time_origin is not None:
             keys["samples"]["time_origin"] = recording.time_origin
         writer = {"csv": write_csv, "parquet": write_parquet}[samples]
-        writer(folder / f"samples.{samples}", recording.columns)
+        columns = with_group_names(recording.columns, recording.group_names)
+        writer(folder / f"samples.{samples}", columns)
     if recording.balls:
         keys["artefact"] = {"file": "artefact.csv"}
         rows = np.array([(ball, *xyzr) for ball, xyzr in recording.balls.items()], float).T

@@ -39,7 +39,7 @@ from datasets.importers.sources.choice import read_sources
 from datasets.importers.sources.programs.program_frames import NOTHING_STATED, StatedFrames
 from datasets.importers.sources.programs.robot_programs import NAME_OF_POSITION, read_robot_program
 from datasets.importers.units import ANGLES, DMS, LENGTHS, degrees_of
-from datasets.samples.columns import POINT, QUATERNION, joint_columns
+from datasets.samples.columns import KNOWN, POINT, QUATERNION, joint_columns
 
 _PARQUET = (".parquet", ".pq")
 _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
@@ -59,7 +59,7 @@ def read_targets(
     Raises InputError with file, row and column.
     """
     if mapping is None and _is_native(path, (*POINT, *QUATERNION)):
-        return [read_table(path, path.name, ("note",))]
+        return [read_table(path, path.name, ("note", *_text_columns(path)))]
     return [_converted(raw, sliding, mapping) for raw in _tables(path, frames_of(mapping))]
 
 
@@ -162,6 +162,33 @@ def _is_native(path: Path, others: Sequence[str]) -> bool:
         name != "time_s" and read_header(name).kind in ("time", "date") for name in names
     )
     return is_ours and not has_other_clock and not _DECIMAL_COMMA.search(head)
+
+
+def _text_columns(path: Path) -> list[str]:
+    """Columns of a table of the recording format with names in most cells, such as those of the targets.
+
+    A quantity that the format knows is none of them: a cell of it that is no number is a mistake.
+    """
+    if path.suffix.lower() in _PARQUET or not path.is_file():
+        return []
+    rows = [row for row in csv.reader(read_text(path, path.name).splitlines()) if row]
+    header = [name.strip() for name in rows[0]] if rows else []
+    known = {*KNOWN, *joint_columns(header)}
+    found = []
+    for k, name in enumerate(header):
+        cells = [row[k].strip() for row in rows[1:] if k < len(row)]
+        numbers = sum(map(_is_number, cells))
+        if name not in known and numbers < _MOSTLY * len(cells):
+            found.append(name)
+    return found
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _one_table(path: Path) -> RawTable:

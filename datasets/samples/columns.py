@@ -57,6 +57,8 @@ KINDS = {
 }
 
 INTEGERS = ("sample", "ball", "point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
+MEASURED_GROUPS = ("point", "sphere", "plane", "reflector")
+"""Groups that are objects which are measured again in other recordings."""
 GROUPS = ("point", "sphere", "pair", "plane", "pose", "repeat", "reflector")
 """Columns that only say which rows belong together: a number or a name."""
 TEXT = ("fixed_to", "note")
@@ -69,7 +71,7 @@ LENGTHS = ("sigma_mm", *SIGMAS, "sigma_deg", "length_mm")
 MEASURED = {*POINT, *QUATERNION, *AXES[0], *AXES[1], "length_mm"}
 BOOKKEEPING = {*INTEGERS, *TEXT, *FLANGE, "sigma_mm", *SIGMAS, "sigma_deg", "set"}
 
-_NAMED = {*MEASURED, *BOOKKEEPING, "payload_kg", "temperature_c", "time_s", "session"}
+KNOWN = {*MEASURED, *BOOKKEEPING, "payload_kg", "temperature_c", "time_s", "session"}
 _LIKE = 0.88
 """Share of letters that a misspelt name has in common with the right one."""
 
@@ -114,8 +116,8 @@ def meant(column: str) -> str | None:
 
 def misspelt(column: str) -> str | None:
     """The column whose name, or whose name without its unit, a further column nearly has; None where there is none."""
-    if column in _NAMED or re.search(r"\d", column) or column.startswith(OTHER):
+    if column in KNOWN or re.search(r"\d", column) or column.startswith(OTHER):
         return None
-    lengthened = [name for name in _NAMED if name.rpartition("_")[0] == column]
-    close = lengthened or get_close_matches(column, _NAMED, 1, _LIKE)
+    lengthened = [name for name in KNOWN if name.rpartition("_")[0] == column]
+    close = lengthened or get_close_matches(column, KNOWN, 1, _LIKE)
     return close[0] if close else None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from datasets.samples.group_names import numbered_as
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.errors import InputError
 from workbench.core.model import NOISE
@@ -101,6 +102,8 @@ def diagnose(
     if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, say)
     reference = references.reference_of(simulation, solution, recording.robot)
+    if reference is not None:
+        recording = numbered_as(recording, reference.group_names)
     say("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None

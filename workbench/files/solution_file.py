@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.samples.columns import BOOKKEEPING, MEASURED, OTHER, joint_columns
+from datasets.samples.columns import BOOKKEEPING, MEASURED, MEASURED_GROUPS, OTHER, joint_columns
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.postures.configuration import configuration_signs, has_configurations
@@ -123,6 +123,11 @@ def solution_keys(calibration, noise=None) -> dict:
         "fitted_range": _fitted_range(calibration),
         "fitted_samples": _fitted_samples(calibration),
         "rows": int(recording.n),
+        "group_names": {
+            group: list(names)
+            for group, names in recording.group_names.items()
+            if group in MEASURED_GROUPS
+        },
         "time_origin": recording.time_origin,
         "recorded_samples": _runs(recording.sample_ids),
         "configurations": _recorded_configurations(recording, calibration.model.chain.robot),

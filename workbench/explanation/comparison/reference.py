@@ -7,7 +7,7 @@ third, structure that no value of those parameters makes. Only the third is miss
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +38,8 @@ class Reference:
     """Reference model of a comparison: a robot, the effects that it holds, and their values by key.
 
     `robot_keys`: what `load_robot` makes the robot of. `sigma_mm`: the noise that the reference states. `notes`:
-    sentences for what its file says and the comparison does not use.
+    sentences for what its file says and the comparison does not use. `group_names`: of the reflectors that it knows by
+    numbers.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Reference:
     robot_keys: dict
     sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
+    group_names: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,10 @@ def reference_of(
         return None
     arm = read_solution(Path(solution))
     keys = dict(arm.keys["robot"])
-    return Reference(f"solution {solution}", arm.robot, arm.effects, arm.values, keys)
+    names = arm.keys.get("group_names", {})
+    return Reference(
+        f"solution {solution}", arm.robot, arm.effects, arm.values, keys, group_names=names
+    )
 
 
 def _from_description(simulation: Path, named: Mapping) -> Reference:

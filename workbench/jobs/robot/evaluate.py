@@ -8,6 +8,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from datasets.samples.columns import joint_columns
+from datasets.samples.group_names import numbered_as
 from robot_model import load_robot
 from robot_model.measurements import measurement_of, samples_of
 from robot_model.system import bind
@@ -288,7 +289,7 @@ def evaluate(
         raise InputError(f"--refit {refit}: expected {' or '.join(REFITS)}; correct it.")
     if recording.n == 0:
         raise InputError(f"recording '{recording.name}': expected samples, found none; add rows.")
-    samples = samples_of(recording)
+    samples = numbered_as(samples_of(recording), arm.keys.get("group_names", {}))
     _check_arm(arm, samples)
     _check_covariates(arm, samples)
     both = base_and_tool(samples)

@@ -18,6 +18,7 @@ from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
+from datasets.samples.columns import GROUPS
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.recordings.importing.robots import read_artefact
@@ -90,7 +91,8 @@ class Builder:
             columns |= rotation_columns(table, mapping.rotation)
         elif mapping.axis is not None:
             columns |= axis_columns(table, mapping.axis)
-        columns |= _named_groups(self._other_columns(mapping))
+        others, group_names = _numbered_groups(self._other_columns(mapping))
+        columns |= others
         balls = read_artefact(self.options.artefact) if self.options.artefact else {}
         if mapping.measures == "ball-centre":
             columns.setdefault("ball", np.ones(table.n))
@@ -103,6 +105,7 @@ class Builder:
             balls=balls,
             name=self.options.name,
             time_origin=self._time_origin(mapping),
+            group_names=group_names,
         )
 
 
@@ -112,13 +115,26 @@ def _length_of_slides(mapping: Mapping) -> str:
     return (stated[0] if isinstance(stated, tuple) else stated) or "mm"
 
 
-def _named_groups(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Names of groups as numbers in the order in which they first occur, as the reader of recordings does."""
-    groups = {}
+def _numbered_groups(
+    columns: dict[str, np.ndarray],
+) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
+    """Names of groups as numbers by their first occurrence, as the reader of recordings has them; and the names."""
+    groups, names = {}, {}
     for name, cells in columns.items():
         if cells.dtype.kind == "f" or name == "note":
             groups[name] = cells
             continue
         order = list(dict.fromkeys(cells.tolist()))
         groups[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
-    return groups
+        if name in GROUPS and not any(_is_number(text) for text in order):
+            names[name] = tuple(order)
+    return groups, names
+
+
+def _is_number(text: str) -> bool:
+    """A name that reads as a number would be read back as this number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
