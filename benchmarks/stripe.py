@@ -227,7 +227,8 @@ def _rms(found, truth):
 
 
 def _bound():
-    from sensors.stripe.profile import Noise, centre_bound
+    from benchmarks.cramer_rao import centre_bound
+    from sensors.stripe.profile import Noise
 
     return centre_bound(WIDE, SNR * NOISE, Noise((NOISE**2 + 1 / 12) ** 0.5), GROUND)
 

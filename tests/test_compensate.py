@@ -1,12 +1,14 @@
 """A calibration that is used: corrected readings bring an arm that another engine simulates where it was sent."""
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from conftest import ROOT
 from datasets.makers import gubankov, liu, ye
 from datasets.makers.mujoco_arm import pose, reflector_points
 from datasets.recording import Recording
@@ -23,10 +25,13 @@ from workbench.jobs.robot.compensation.compensate import (
     actual_poses,
     compensate,
     nominal_poses,
-    position_covariance,
 )
 from workbench.jobs.robot.compensation.correction_limits import checked
 from workbench.jobs.robot.compensation.target_units import check_units
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+from study_compensation import position_covariance  # noqa: E402
 
 N = 200
 
@@ -153,7 +158,7 @@ def _distance_from_axis_2(arm, readings):
     return np.linalg.norm(np.cross(point - frames.z_origin[1].T, frames.z[1].T), axis=1)
 
 
-def test_the_covariance_of_places_has_their_sigmas_and_what_they_share(run, made):
+def test_the_covariance_of_positions_has_their_sigmas_and_what_they_share(run, made):
     arm, readings = read_solution(run[0]), targets(made)[:20]
     done = compensate(arm, readings)
     covariance = position_covariance(arm, done.readings)

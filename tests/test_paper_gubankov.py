@@ -12,12 +12,12 @@ from datasets import papers, read, write
 from datasets.makers import gubankov
 from robot_model import load_robot
 from robot_model.chain import forward
-from robot_model.published.touch_pairs import pairs_of, start_tip
 from workbench.jobs.robot.calibrate import calibrate
 
 sys.path.insert(0, str(ROOT / "tools"))
 
 import gallery_touch_point as gallery  # noqa: E402
+from published_touch_pairs import pairs_of, start_tip  # noqa: E402
 
 PAPER = papers.load("gubankov-2022")
 

@@ -9,12 +9,12 @@ from conftest import ROOT
 from datasets import read, write
 from datasets.makers import liu
 from robot_model import load_robot
-from robot_model.published.beam_spheres import A2, sphere_centres
 from workbench.jobs.robot.calibrate import calibrate
 
 sys.path.insert(0, str(ROOT / "tools"))
 
 import gallery_laser_spot as gallery  # noqa: E402
+from published_beam_spheres import A2, sphere_centres  # noqa: E402
 
 NOISE = 0.02
 

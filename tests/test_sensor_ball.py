@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ball_scenes import along_rays, ball, cap, pixel_error, ray_cast
-from sensors.ball.fit import fit_ball, fit_circle
+from sensors.ball.fit import fit_ball
 from sensors.ball.point_errors import plane_error
 from sensors.ball.start import algebraic
 from sensors.light.planes import moved
@@ -60,15 +60,13 @@ def test_geometric_fit_is_unbiased_where_the_algebraic_one_is_4_micrometres_off(
 
 
 def test_second_order_bias_is_stated_and_taken_off():
-    """Isotropic noise makes the distance from the centre larger by sigma^2 / R, and a circle's by half of it."""
+    """Isotropic noise makes the distance from the centre larger by sigma^2 / R, which the fit subtracts."""
     points = cap(2000, SIXTY, RADIUS)
     fit = fit_ball(points + np.random.default_rng(0).normal(0, 0.2, points.shape), 0.2)
     assert fit.bias[3] == pytest.approx(0.2**2 / fit.radius, rel=0.1)
     assert np.abs(fit.bias[:3]).max() < 1e-6
     known = fit_ball(points + np.random.default_rng(0).normal(0, 0.2, points.shape), 0.2, RADIUS)
     assert known.bias[3] == 0 and known.bias[2] < -0.002
-    flat = fit_circle(points[:2, :] / np.hypot(*points[:2]) * RADIUS, 0.1)
-    assert flat.bias[2] == pytest.approx(flat.sigma_scale**2 * 0.1**2 / (2 * RADIUS))
 
 
 @pytest.mark.parametrize(
@@ -351,52 +349,18 @@ def test_ray_cast_ball_with_noise_along_the_rays():
     assert -0.003 < found[100][3] < -0.001 and np.abs(found[400]).max() < 0.0002
 
 
-def test_circle_is_the_same_in_two_dimensions():
-    turn = np.linspace(-1.1, 1.1, 600)
-    ring, random = 40 * np.stack([np.sin(turn), np.cos(turn)]), np.random.default_rng(12)
-    scores = []
-    for _ in range(120):
-        fit = fit_circle(ring + random.normal(0, 0.01, ring.shape), 0.01)
-        scores.append((np.append(fit.centre, fit.radius) - [0, 0, 40]) / fit.std)
-    assert WITHIN[0] < (np.abs(scores) < 1).mean() < WITHIN[1]
-
-
-def test_neighbours_along_a_profile_may_err_alike():
+def test_neighbours_along_a_stripe_may_err_alike():
     """Noise smoothed over 25 points: with `ordered` the stated sigma holds, without it is four times too small."""
-    turn = np.linspace(-1.1, 1.1, 2000)
-    ring, random = 40 * np.stack([np.sin(turn), np.cos(turn)]), np.random.default_rng(13)
+    along, across = np.meshgrid(np.linspace(-1.0, 1.0, 200), np.linspace(-0.8, 0.8, 10))
+    along, across = along.ravel(), across.ravel()
+    cap_points = 40 * np.stack(
+        [np.sin(along) * np.cos(across), np.sin(across), np.cos(along) * np.cos(across)]
+    )
+    random = np.random.default_rng(13)
     scores = {True: [], False: []}
     for _ in range(60):
         error = np.convolve(random.normal(0, 0.05, 2024), np.ones(25) / 25, "valid")
         for ordered, kept in scores.items():
-            fit = fit_circle(ring * (1 + error / 40), ordered=ordered)
-            kept.append((fit.centre[1] - 0) / fit.std[1])
+            fit = fit_ball(cap_points * (1 + error / 40), ordered=ordered)
+            kept.append(fit.centre[2] / fit.std[2])
     assert np.std(scores[True]) == pytest.approx(1, abs=0.25) and np.std(scores[False]) > 3
-
-
-def profile(path):
-    """(2, n) mm, x and z of a profile of the RobCalibrator sets."""
-    text = path.read_text()
-    numbers = text[text.index("[") + 1 : text.rindex("]")].replace(".Nan", "nan").split(",")
-    return np.array(numbers, float).reshape(-1, 3)[:, [0, 2]].T
-
-
-def test_real_profiles_of_a_ball_of_40_mm(real):
-    """Fifteen profiles: noise of 0.011 mm or less in each, up to the incidence of 65 deg."""
-    folder = real("spherescan_handeye_pan") / "r40_session"
-    fits = [
-        fit_circle(profile(folder / f"p{k}.yml"), view=[0, -1], incidence=np.deg2rad(65))
-        for k in range(1, 16)
-    ]
-    assert all(fits) and max(fit.rms for fit in fits) <= 0.011
-    assert all(fit.radius < 40.05 for fit in fits) and max(fit.radius for fit in fits) > 39.8
-
-
-def test_real_profiles_with_the_room_behind_the_ball(real):
-    """Ball of 12.7 mm: where half of the profile is scattered background, the circle is still found."""
-    folder = real("spherescan_handeye_pan") / "r12_session"
-    for k in range(1, 11):
-        fit = fit_circle(
-            profile(folder / f"{k}_3C_line.yml"), view=[0, -1], incidence=np.deg2rad(65)
-        )
-        assert fit and 8 < fit.radius < 12.75 and fit.rms < 0.15

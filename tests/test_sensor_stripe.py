@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.cramer_rao import centre_bound
 from sensors.stripe.find import Stripes, find_stripes
 from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN
 from sensors.stripe.noise import speckle_contrast
-from sensors.stripe.profile import Noise, centre_bound, speckle_floor
+from sensors.stripe.profile import Noise, speckle_floor
 from workbench.core.errors import InputError
 
 FRAMES, HEIGHT, WIDTH = 6, 512, 320

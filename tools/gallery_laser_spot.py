@@ -11,9 +11,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from datasets.makers import liu
+from published_beam_spheres import A2, BeamFit, calibrate_beams
 from robot_model import load_robot
 from robot_model.chain import forward
-from robot_model.published.beam_spheres import A2, BeamFit, calibrate_beams
 from workbench.fitting.calibration_plans.plans import geometry as geometry_stage
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from datasets import papers
 from datasets.makers import gubankov
+from published_touch_pairs import PairFit, calibrate_pairs, pairs_of, start_tip
 from robot_model import load_robot
 from robot_model.chain import forward
-from robot_model.published.touch_pairs import PairFit, calibrate_pairs, pairs_of, start_tip
 from workbench.fitting.calibration_plans.plans import geometry as geometry_stage
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 

@@ -25,6 +25,7 @@ from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.core.solution import Stage  # noqa: E402
 from workbench.explanation.answer import diagnose  # noqa: E402
 from workbench.explanation.output.corrected_model import write_model  # noqa: E402
+from workbench.files.considered import with_considered  # noqa: E402
 from workbench.files.solution_file import (  # noqa: E402
     CalibratedArm,
     read_solution,
@@ -36,7 +37,9 @@ from workbench.jobs.robot.calibrate import calibrate  # noqa: E402
 from workbench.jobs.robot.compensation.compensate import (  # noqa: E402
     COVERAGE_FACTOR,
     compensate,
-    position_covariance,
+    model_at,
+    nominal_poses,
+    position_derivative,
 )  # noqa: E402
 
 TABLE = ROOT / "docs" / "studies" / "compensation.csv"
@@ -150,6 +153,19 @@ def figures_of(truth, arm: CalibratedArm) -> tuple[float, float, float, float, f
     chance = chance_above(LIMIT * predicted, covariance, 3 * int(count) - len(arm.free))
     covered = float((np.linalg.norm(after, axis=1) <= expanded).mean())
     return _rms(before), _rms(after), predicted, chance, covered
+
+
+def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
+    """(3 n, 3 n) mm^2: covariance of the measured point at readings (n, R), x, y and z of each in turn.
+
+    From the covariance of the parameters, whose errors all positions share. covariates: as of `compensate`.
+    """
+    model = model_at(arm, readings, nominal_poses(arm.robot, readings), covariates)
+    arm = with_considered(arm, model.chain.state)
+    model = model_at(arm, readings, nominal_poses(arm.robot, readings), covariates)
+    rows, covariance, _ = position_derivative(model, arm)
+    columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
+    return columns.T @ covariance @ columns
 
 
 def chance_above(limit: float, covariance: np.ndarray, degrees: int) -> float:

@@ -6,11 +6,11 @@ from sensors.ball.solve import LOSSES, Problem
 from workbench.core.errors import InputError
 
 
-def problem_of(points, sigma, radius, d, covariance, direction) -> Problem:
-    """The `Problem` of points (d, n) mm with the sigma, covariance or direction of their errors."""
-    if points.ndim != 2 or len(points) != d:
+def problem_of(points, sigma, radius, covariance, direction) -> Problem:
+    """The `Problem` of points (3, n) mm with the sigma, covariance or direction of their errors."""
+    if points.ndim != 2 or len(points) != 3:
         raise InputError(
-            f"points: expected an array of shape ({d}, n), found {points.shape}; "
+            f"points: expected an array of shape (3, n), found {points.shape}; "
             "hand over one point a column"
         )
     n = points.shape[1]
@@ -19,8 +19,8 @@ def problem_of(points, sigma, radius, d, covariance, direction) -> Problem:
             "points: expected sigma (with or without direction) or covariance, found both; leave one out"
         )
     if covariance is not None:
-        covariance = np.broadcast_to(np.reshape(covariance, (d, d, -1)), (d, d, n))
-        sigma = np.sqrt(np.einsum("ddn->n", covariance) / d)
+        covariance = np.broadcast_to(np.reshape(covariance, (3, 3, -1)), (3, 3, n))
+        sigma = np.sqrt(np.einsum("ddn->n", covariance) / 3)
     sigma = np.broadcast_to(1.0 if sigma is None else np.asarray(sigma, float), (n,))
     return Problem(
         points, sigma, covariance, unit_vectors(direction, points, "direction"), radius is None
@@ -28,7 +28,7 @@ def problem_of(points, sigma, radius, d, covariance, direction) -> Problem:
 
 
 def unit_vectors(vectors, points, called):
-    """(d, n) unit vectors of one or n, None for None."""
+    """(3, n) unit vectors of one or n, None for None."""
     if vectors is None:
         return None
     vectors = np.asarray(vectors, float)

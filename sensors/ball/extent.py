@@ -10,7 +10,7 @@ _ENOUGH = 20_000
 def seen_extent(normal, place, view):
     """Half angle (rad) of the cone about the mean direction with 99 % of the points, and the share seen all round.
 
-    normal (d, n) outward unit normals, `place` (m,) numbers of the points used; view: directions of sight or None.
+    normal (3, n) outward unit normals, `place` (m,) numbers of the points used; view: directions of sight or None.
     """
     mean = _unit(normal.take(place, 1).sum(1))
     axis = mean if view is None else _unit(-view.mean(1))

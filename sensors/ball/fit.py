@@ -1,7 +1,7 @@
-"""A ball from its points, or a circle from a profile: geometric fit, robust, with an honest covariance.
+"""A ball from its points: robust geometric fit with a covariance that the residuals scale.
 
-Points are (3, n) mm (a circle's (2, n)). What is stated: the centre and radius free of the noise's
-second-order bias, their covariance, the form as metrologists count it, and why points were left out.
+Points are (3, n) mm. The result states centre and radius without the second-order bias of the noise, their covariance,
+the form error of orders two and three, and the reason of every rejected point.
 """
 
 from dataclasses import dataclass, replace
@@ -65,19 +65,13 @@ def fit_ball(points: np.ndarray, sigma=None, radius: float | None = None, **opti
     Minimises geometric distances (Gander, Golub & Strebel, BIT 34, 1994), weighted by the variance
     across the surface. Raises InputError where the options are not usable.
     """
-    return _fit(points, sigma, radius, 3, **options)
-
-
-def fit_circle(points: np.ndarray, sigma=None, radius: float | None = None, **options) -> BallFit:
-    """Circle through points (2, n) mm in the plane of a profile; as `fit_ball`, in two dimensions."""
-    return _fit(points, sigma, radius, 2, **options)
+    return _fit(points, sigma, radius, **options)
 
 
 def _fit(
     points,
     sigma,
     radius,
-    d,
     *,
     covariance=None,
     direction=None,
@@ -95,7 +89,7 @@ def _fit(
     compare=True,
 ):
     points = np.asarray(points, float)
-    full_problem = problem_of(points, sigma, radius, d, covariance, direction)
+    full_problem = problem_of(points, sigma, radius, covariance, direction)
     view = unit_vectors(view, points, "view")
     check_options(radius, incidence, edge, loss, view, groups, shared)
     present = (
@@ -107,7 +101,7 @@ def _fit(
         np.pi / 2 if incidence is None else incidence,
         edge,
     )
-    failed = _Failure(points, present)
+    failed = _Failure(present)
     if present.sum() < problem.size + (sigma is None):
         return failed(
             f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed"
@@ -157,7 +151,7 @@ class _Task:
     compare: bool
 
     def fit(self, values) -> BallFit:
-        """From centre and radius `values` (d + 1,)."""
+        """From centre and radius `values` (4,)."""
         solved = solve(self.problem, values, self.loss, self.trim)
         if not np.isfinite(solved.spread):
             return self.failed(_TOO_FEW)
@@ -243,12 +237,11 @@ class _Trim:
 class _Failure:
     """Makes the falsy result of points that have no ball."""
 
-    def __init__(self, points, present):
-        self.d = len(points)
+    def __init__(self, present):
         self.reason = np.where(present, OUTLIER, MISSING).astype(np.uint8)
 
     def __call__(self, why: str) -> BallFit:
-        unknown = np.full(self.d + 1, np.nan)
+        unknown = np.full(4, np.nan)
         return BallFit(
             centre=unknown[1:],
             radius=np.nan,
@@ -303,7 +296,7 @@ class _Part:
         return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
 
     def covariance(self, groups, ordered, with_shared_errors):
-        """(d + 1, d + 1) mm^2, of the points' errors where none is given; rows of a known radius are 0."""
+        """(4, 4) mm^2, of the points' errors where none is given; rows of a known radius are 0."""
         if with_shared_errors is not None:
             estimate = with_shared_errors
         else:

@@ -27,10 +27,10 @@ class Form:
 def plane_gain(
     points: np.ndarray, ball: float, sigma: np.ndarray, used: np.ndarray, direction=None
 ) -> float:
-    """By how much a plane (a line where d = 2) fits points (d, n) better than the ball, whose chi-square over them is
+    """By how much a plane fits points (3, n) better than the ball, whose chi-square over them is
     `ball`, as a difference of chi-square; the noise is that of the better of both. Of points that are `used` (n,).
 
-    direction (d, n): lines along which the points err. A plane that holds these lines, as the light plane of a single
+    direction (3, n): lines along which the points err. A plane that holds these lines, as the light plane of a single
     stripe does, holds the points of any surface: the next best one counts then.
     """
     first = points[:, used.argmax()][:, None]
@@ -64,9 +64,9 @@ def some_of(place: np.ndarray) -> np.ndarray:
 def low_orders(
     normal: np.ndarray, white: np.ndarray, sigma: np.ndarray, rows: np.ndarray, memory: float
 ) -> Form:
-    """Form of orders two and three of the direction `normal` (d, n) in whitened residuals (n,).
+    """Form of orders two and three of the direction `normal` (3, n) in whitened residuals (n,).
 
-    rows (d + 1, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
+    rows (4, n): derivatives by centre and radius, which are left free. memory: times that the errors of neighbours
     make a mean vary more. The F test of a linear model; `some_of` the points are enough for it.
     """
     rows = rows / sigma

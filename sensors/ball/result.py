@@ -1,4 +1,4 @@
-"""The answer of a ball's or circle's fit, and the reasons for which points were left out."""
+"""Result of the fit of a ball, and the reasons for which points were rejected."""
 
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ REASONS = {
 
 @dataclass(frozen=True)
 class BallFit:
-    """A fitted ball (d = 3) or circle (d = 2); false where the fit failed, and `outcome` says why.
+    """A fitted ball; false where the fit failed, and `outcome` says why.
 
-    `centre` (d,) and `radius` mm, the second-order `bias` (d + 1,) mm of the noise already taken
-    off; `covariance` (d + 1, d + 1) mm^2 of both, scaled by the residuals, 0 for a known radius;
+    `centre` (3,) and `radius` mm, the second-order `bias` (4,) mm of the noise already taken
+    off; `covariance` (4, 4) mm^2 of both, scaled by the residuals, 0 for a known radius;
     `sigma_scale` by which the stated sigma of the points has to be multiplied to agree with the
     residuals (their sigma in mm where none was stated); `rms` mm of the distances of the points used, over their
     degrees of freedom; `residual` (n,) mm from the surface, positive outside;
@@ -92,7 +92,7 @@ class BallFit:
 
     @property
     def std(self) -> np.ndarray:
-        """(d + 1,) mm, 1 sigma of centre and radius."""
+        """(4,) mm, 1 sigma of centre and radius."""
         return np.sqrt(np.diag(self.covariance))
 
 

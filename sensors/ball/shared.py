@@ -23,7 +23,7 @@ _ROUNDS, _STILL = 6, 0.05
 class Common:
     """Errors that all points share, whatever their group, as those of the camera's values.
 
-    `derivative` (m, d, n) mm by which a point moves for one unit of each of m errors; `covariance` (m, m); `by_group`
+    `derivative` (m, 3, n) mm by which a point moves for one unit of each of m errors; `covariance` (m, m); `by_group`
     (m, G, k) their covariance with the first k errors of each group of a `Shared`. They are too few and act too evenly
     for one ball to tell them, so they are not estimated with it: its covariance includes them.
     """
@@ -41,9 +41,9 @@ class Common:
 class Shared:
     """Errors that all points of a group share, as those of the light plane of a step.
 
-    `labels` (n,) int from 0 to G - 1; `derivative` (k, d, n) mm by which a point moves for one unit
+    `labels` (n,) int from 0 to G - 1; `derivative` (k, 3, n) mm by which a point moves for one unit
     of each of the k errors of its group; `covariance` (k G, k G), group after group, singular
-    where groups err together (the planes of one mirror). `unknown` (m, d, n), as `derivative`, of
+    where groups err together (the planes of one mirror). `unknown` (m, 3, n), as `derivative`, of
     errors that each group has of its own, each kind of one variance, which is not known. `common`: errors that all
     groups share.
     """
@@ -68,7 +68,7 @@ class Shared:
         )
 
     def with_errors(self, derivative: np.ndarray, variance: np.ndarray) -> "Shared":
-        """The same with m more errors of known variance (m,), independent from group to group; derivative (m, d, n)."""
+        """The same with m more errors of known variance (m,), independent from group to group; derivative (m, 3, n)."""
         k = len(self.derivative)
         m = len(variance)
         groups = len(self.covariance) // k
@@ -84,7 +84,7 @@ class Shared:
         )
 
     def with_common(self, derivative: np.ndarray, covariance: np.ndarray) -> "Shared":
-        """The same with m more errors of known covariance (m, m) that all groups share; derivative (m, d, n)."""
+        """The same with m more errors of known covariance (m, m) that all groups share; derivative (m, 3, n)."""
         k = len(self.derivative)
         m = len(covariance)
         if self.common is None:

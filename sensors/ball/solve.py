@@ -1,8 +1,7 @@
-"""The least squares behind ball and circle: geometric distances, robust weights, covariance and bias.
+"""Least squares of a ball: geometric distances, robust weights, covariance and bias.
 
-In d dimensions (3: a ball, 2: a circle) the parameters are the d coordinates of the centre and the
-radius. A residual is positive outside the ball; `rows` (d + 1, n) say by how much it falls when the
-centre or the radius grows by one.
+The parameters are the coordinates of the centre and the radius, mm. A residual is positive outside the ball; `rows`
+(4, n) are its negative derivatives with respect to centre and radius.
 """
 
 from collections.abc import Callable, Iterator
@@ -34,10 +33,10 @@ _GRAZING = 0.1
 
 @dataclass(frozen=True)
 class Problem:
-    """Points (d, n) and how each of them errs.
+    """Points (3, n) and how each of them errs.
 
-    `sigma` (n,) 1-sigma of the distance from the surface or, with `direction` (d, n), unit vectors,
-    of the error along that line; `covariance` (d, d, n) of each point instead of both. `free`: whether
+    `sigma` (n,) 1-sigma of the distance from the surface or, with `direction` (3, n), unit vectors,
+    of the error along that line; `covariance` (3, 3, n) of each point instead of both. `free`: whether
     the radius is fitted.
     """
 
@@ -63,7 +62,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Linear:
-    """A problem at one place: residual, sigma (n,), rows (d + 1, n) and outward unit normals (d, n)."""
+    """A problem at one place: residual, sigma (n,), rows (4, n) and outward unit normals (3, n)."""
 
     residual: np.ndarray
     sigma: np.ndarray
@@ -72,7 +71,7 @@ class Linear:
 
 
 def linearise(problem: Problem, values: np.ndarray) -> Linear:
-    """Residuals of the centre and radius `values` (d + 1,) and their derivative."""
+    """Residuals of the centre and radius `values` (4,) and their derivative."""
     displacement = problem.points - values[:-1, None]
     if problem.direction is not None:
         return _along_lines(problem, displacement, values[-1])
@@ -162,7 +161,7 @@ def _middle(ordered):
 
 @dataclass(frozen=True)
 class Solved:
-    """Centre and radius `values` (d + 1,), `spread` (nan where nothing is left), `keep` (n,), the problem there, the
+    """Centre and radius `values` (4,), `spread` (nan where nothing is left), `keep` (n,), the problem there, the
     points' own whitened errors `white` (n,), and the last `step` in sigmas of what was fitted (None: `step_left`)."""
 
     values: np.ndarray
@@ -176,7 +175,7 @@ class Solved:
 def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "Solved":
     """Centre and radius, the spread of the whitened residuals, and which points were not trimmed.
 
-    trim(values, normal (d, n), slice) -> (n,) True for the points to keep. Reweighted Gauss-Newton;
+    trim(values, normal (3, n), slice) -> (n,) True for the points to keep. Reweighted Gauss-Newton;
     what is trimmed and the spread are settled between rounds. A sparse part of a large cloud comes first, and
     leaves so little that one or two Newton steps on all points are enough.
     """
@@ -404,7 +403,7 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) 
     """(size,) bias of second order in the noise, mm: take it off the estimate.
 
     Noise across the normal lengthens the distance from the centre by (tr S - u'Su) / 2r, S the
-    covariance of a point and u its normal: (d - 1) sigma^2 / 2R in the radius of a whole ball. Where S
+    covariance of a point and u its normal: sigma^2 / R in the radius of a whole ball. Where S
     is not isotropic, the normal also turns with the same error, which moves the centre. Errors along
     known lines leave none (expansion as in Kanatani, Statistical Optimization, 1996, ch. 9).
     """

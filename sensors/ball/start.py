@@ -1,4 +1,4 @@
-"""Start of the fit of a ball or circle: spheres through a few points, half of which may be wrong."""
+"""Start of the fit of a ball: spheres through a few points, half of which may be wrong."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ _LARGEST = 10.0
 def start(
     points: np.ndarray, radius: float | None, random: np.random.Generator
 ) -> np.ndarray | None:
-    """(d + 1,) centre and radius near the ball on which most of points (d, n) lie; None where there is none.
+    """(4,) centre and radius near the ball on which most of points (3, n) lie; None where there is none.
 
     Spheres through d + 1 random points each, judged by the distance within which nearly half of
     the points lie (least quantile of squares: Rousseeuw, J. Am. Stat. Assoc. 79, 1984); the best are
@@ -46,7 +46,7 @@ def start(
 
 
 def algebraic(points: np.ndarray) -> np.ndarray:
-    """(..., d + 1) centre and radius that minimise the sum of (|X - c|^2 - r^2)^2 over points (..., d, n).
+    """(..., 4) centre and radius that minimise the sum of (|X - c|^2 - r^2)^2 over points (..., 3, n).
 
     Kasa, IEEE Trans. Instrum. Meas. 25 (1976). A start only: the noise pulls it into the cap, by
     36 sigma^2 / R at 60 degrees.
@@ -93,7 +93,7 @@ def _sensible(spheres, points, radius):
 
 
 def _distances(points, spheres):
-    """(m, n) distance of points (d, n) from spheres (d + 1, m), without sign."""
+    """(m, n) distance of points (3, n) from spheres (d + 1, m), without sign."""
     square = (-2 * spheres[:-1]).T @ points
     square += (points**2).sum(0)
     square += (spheres[:-1] ** 2).sum(0)[:, None]
@@ -110,7 +110,7 @@ def _score(points, spheres):
 
 
 def _nearest(points, spheres):
-    """(m, d, k) the points (d, n) that are nearest to each of some spheres (d + 1, m)."""
+    """(m, d, k) the points (3, n) that are nearest to each of some spheres (d + 1, m)."""
     distance = _distances(points, spheres)
     n = points.shape[1]
     count = min(max(len(spheres), int(_SHARE * n)), n)

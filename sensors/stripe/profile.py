@@ -11,8 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from workbench.core.least_squares.linear_algebra import inverse_positive
-
 PHASES = 8
 """Starts a pixel for which the fit is tabulated."""
 NARROWEST, WIDEST = 0.45, 40.0
@@ -40,30 +38,6 @@ class Noise:
         if self.gain == 0:
             return np.full(np.shape(level), self.read**2, np.float32)
         return self.read**2 + self.gain * np.maximum(level, 0)
-
-
-def centre_bound(
-    width, amplitude, noise: Noise, background: float = 0.0, phase: float = 0.0
-) -> float:
-    """Cramer-Rao bound, px (1 sigma), of one row's centre; amplitude, background, centre and width unknown.
-
-    Fisher information J' V^-1 J of the four unknowns over the pixels within 6 widths, V the
-    diagonal of `noise` (normal approximation; the information in the variance itself is not counted).
-    For pure read noise sigma it is sigma / amplitude * sqrt(2 width / sqrt(pi)): centre and width
-    do not correlate, so that knowing the width does not improve it.
-    """
-    half = int(np.ceil(6 * width)) + 1
-    pixel = np.arange(-half, half + 1)
-    u = (pixel - phase) / width
-    g = np.exp(-u * u / 2)
-    by_background, by_amplitude = np.ones_like(u), g
-    by_centre = amplitude * g * u / width
-    by_width = amplitude * g * u * u / width
-    rows = np.stack([by_background, by_amplitude, by_centre, by_width])
-    variance = noise.variance(background + amplitude * g)
-    information = rows / variance @ rows.T
-    covariance = inverse_positive(information)
-    return float(np.sqrt(covariance[2, 2]))
 
 
 def speckle_floor(width: np.ndarray, contrast: float, grain: float | None = None) -> np.ndarray:

@@ -105,11 +105,11 @@ def compensate(
         found = _nominal_readings(arm.robot, found, target, anywhere, task)
         if anywhere:
             found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
-    position, rotation = pose_sizes(_deviation(_model(arm, found, target, covariates), arm, task))
+    position, rotation = pose_sizes(_deviation(model_at(arm, found, target, covariates), arm, task))
     best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
-        step, movable = _reading_step(_model(arm, found, target, covariates), arm, task)
+        step, movable = _reading_step(model_at(arm, found, target, covariates), arm, task)
         # a step next to a singular posture may lead away: the nearest readings are kept
         best = np.where((movable < least)[:, None], found, best)
         least = np.fmin(movable, least)
@@ -117,7 +117,7 @@ def compensate(
             break
         found = found - np.clip(step, -_reach(arm.robot), _reach(arm.robot))
     found = best
-    model = _model(arm, found, target, covariates)
+    model = model_at(arm, found, target, covariates)
     position_left, rotation_left = pose_sizes(_deviation(model, arm, task))
     sigma = _sigma(arm, found, target, covariates)
     uncertainty = np.hypot(sigma, remaining_error_mm(arm))
@@ -161,7 +161,7 @@ def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
 
 def actual_poses(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
     """(n, 4, 4) T_root_flange where the calibrated arm really is at readings (n, R)."""
-    model = _model(arm, readings, nominal_poses(arm.robot, readings), covariates)
+    model = model_at(arm, readings, nominal_poses(arm.robot, readings), covariates)
     frames = model.evaluate(_parameters(model, arm)).frames
     return transform(flange_matrices(frames), frames.end_origin.T)
 
@@ -187,7 +187,7 @@ def considered_covariates(arm: CalibratedArm) -> frozenset[str]:
 def _watched(arm: CalibratedArm) -> tuple[Model, "_Recorder"]:
     """The arm at one pose, each recorded column in the middle of its range, and the columns, which note their use."""
     middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
-    model = _model(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
+    model = model_at(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
     columns = _Recorder(model.chain.state.covariates)
     state = replace(model.chain.state, covariates=columns)
     return replace(model, chain=replace(model.chain, state=state), _bases={}), columns
@@ -214,8 +214,8 @@ class _Recorder(dict):
         return self[name] if name in self else default
 
 
-def _model(arm, readings, target, covariates) -> Model:
-    """The calibrated arm at readings, measured from its own root against the wanted poses."""
+def model_at(arm, readings, target, covariates) -> Model:
+    """The calibrated arm at readings (n, R) rad, mm, measured from its own root against the wanted poses (n, 4, 4)."""
     variables = arm.robot.mixing @ np.asarray(readings, float).T
     n = variables.shape[1]
     covariates = {
@@ -351,14 +351,14 @@ def search_readings(robot, start, target, task):
     found = best = start
     least = np.full(len(start), np.inf)
     for _ in range(3 * _STEPS):
-        step, movable = _reading_step(_model(bare, found, target, None), bare, task)
+        step, movable = _reading_step(model_at(bare, found, target, None), bare, task)
         best = np.where((movable < least)[:, None], found, best)
         least = np.fmin(movable, least)
         if movable.max(initial=0) < 1e-3:
             break
         found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
     found = _turned_back(robot, best)
-    movable = _reading_step(_model(bare, found, target, None), bare, task)[1]
+    movable = _reading_step(model_at(bare, found, target, None), bare, task)[1]
     return found, (movable < 1e-2) & _within(robot, found)
 
 
@@ -410,10 +410,10 @@ def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> 
 
 
 def _sigma_at(arm, readings, target, covariates) -> np.ndarray:
-    model = _model(arm, readings, target, covariates)
+    model = model_at(arm, readings, target, covariates)
     arm = with_considered(arm, model.chain.state)
-    model = _model(arm, readings, target, covariates)
-    rows, covariance, parameters = _uncertain(model, arm)
+    model = model_at(arm, readings, target, covariates)
+    rows, covariance, parameters = position_derivative(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
     return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters, arm))
 
@@ -438,21 +438,7 @@ def _with_worst_covariates(arm, readings, target, covariates) -> dict:
     return found
 
 
-def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> np.ndarray:
-    """(3 n, 3 n) mm^2: covariance of the places of the measured point at readings (n, R), x, y and z of each in turn.
-
-    From the covariance of the parameters, whose errors all places share: a difference or a mean over places has its
-    own uncertainty from this matrix. covariates: as of `compensate`.
-    """
-    target = nominal_poses(arm.robot, readings)
-    covariates = _with_worst_covariates(arm, readings, target, covariates)
-    arm = with_considered(arm, _model(arm, readings, target, covariates).chain.state)
-    rows, covariance, _ = _uncertain(_model(arm, readings, target, covariates), arm)
-    columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
-    return columns.T @ covariance @ columns
-
-
-def _uncertain(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
+def position_derivative(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
     """Derivative (F, 3, n) of the measured point's place with respect to the F estimated parameters, their covariance.
 
     And all parameters at their values. Base and tool are in it: they were found together with the arm, and what they

@@ -1,1 +1,0 @@
-"""Objectives as published, kept small: what the calibration of this project is compared with."""
