@@ -6,10 +6,12 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
+from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.constant_load import _gain, _solved_with
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
+from workbench.diagnosis.validation.proof import _retained_terms
 
 COMPLIANCES = {"joint-2": 4e-6, "joint-3": 9e-6, "joint-4": 5e-5}
 LOAD = (12.0, 900.0, -700.0, 1500.0)  # kg, kg mm in the flange frame
@@ -62,6 +64,23 @@ def _gain_of_load(scale: float) -> float:
     search.solve()
     (load,) = [one for one in search.bench.constant_loads if one.effect.effect == "payload"]
     return _gain(search, _solved_with(search, laws, load))
+
+
+def _finding(effect):
+    return Finding(effect.effect, effect.where, "", (effect,), 1e-6, 0.9, 1.0, 30.0)
+
+
+@pytest.mark.parametrize(("kg", "seed"), [(0.0, 2), (0.0, 3), (60.0, 2)])
+def test_the_gain_of_a_load_is_that_over_compliances_under_the_links_alone(kg, seed):
+    """Compliances about the solution with a load keep its torque: without it they lose too little, or far too much."""
+    load = CATALOGUE["payload"]("tool")
+    laws = [CATALOGUE["joint-compliance"](where) for where in COMPLIANCES]
+    values = [3e-6, 6e-6, 3e-5, *(kg * part for part in (1.0, 20.0, -30.0, 110.0))]
+    bench = bench_of(recorded(seed, [*laws, load], values, n=120))
+    terms, _ = _retained_terms(bench, [_finding(e) for e in (*laws, load)], None)
+    found = {term.finding.where for term in terms}
+    assert {"joint-2", "joint-3"} <= found
+    assert ("tool" in found) == (kg > 0)
 
 
 @pytest.mark.slow

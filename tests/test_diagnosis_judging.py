@@ -109,7 +109,7 @@ def test_a_term_is_judged_in_spite_of_another_that_mostly_a_block_determines():
     problem = replace(
         problem_with(columns, values),
         residual=noise,
-        effects=(SimpleNamespace(), SimpleNamespace()),
+        effects=(SimpleNamespace(port="joint"), SimpleNamespace(port="joint")),
         added=(columns[:, :1], columns[:, 1:]),
         values=(values[:1], values[1:]),
         precisions=(np.zeros(1), np.zeros(2)),
@@ -119,7 +119,7 @@ def test_a_term_is_judged_in_spite_of_another_that_mostly_a_block_determines():
     t_of_plain_errors = held_out.clark_west_t(np.arange(200), *errors, np.ones(200, bool))
     assert not t_of_plain_errors > critical_t(None)
     finding = Finding("transmission-harmonic", "joint-1", "", (), 0.0, 1.0, 0.0, 0.0)
-    trial = judging.ConditionalGains(SimpleNamespace(chain=None), problem, None)
+    trial = judging.ConditionalGains(SimpleNamespace(chain=None, sigma=None), problem)
     wave = trial.judged(Term(finding), [1], [0, 1])
     assert wave.t > critical_t(None) and wave.gain > 0
 

@@ -93,9 +93,13 @@ def test_compliances_are_the_mass_dependent_effects_without_their_special_cases(
 
 def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
+    assert not ROBOT["shift"]("tool", 3.5).of_session
     encoders = {"azimuth-harmonic", "elevation-harmonic"}
     instrument = {"sight-line-refraction", "reflector-incidence"} | encoders
-    assert of_session == {"base-drift", "time-offset", "reading-lag", "payload"} | instrument
+    base = {"base-drift", "warm-up"}
+    assert of_session == base | {"time-offset", "reading-lag", "payload"} | instrument
+    warm_ups = {kind.places: kind.of_session for kind in ROBOT.values() if kind.effect == "warm-up"}
+    assert warm_ups == {("joint",): False, ("link",): False, ("base",): True}
 
 
 @pytest.mark.parametrize("measures", ["external-pose", "ball-centre"])

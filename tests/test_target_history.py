@@ -77,3 +77,17 @@ def test_the_exported_module_needs_no_history_and_takes_a_side():
     for covariates in ({}, {"approach3": 1.0}):
         wanted = actual_poses(arm, np.deg2rad(readings), covariates)
         np.testing.assert_allclose(plain.flange_poses(readings, covariates), wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(("where", "is_corrected"), [("base", False), ("tool", True)])
+def test_a_step_of_the_base_is_no_error_of_the_arm(tmp_path, where, is_corrected):
+    """A moved instrument makes the same: 8 mm of it would send every target 8 mm off."""
+    step = {"effect": "shift", "where": where, "after": 40.5}
+    keys = dict.fromkeys((f"{where}.shift.{name}" for name in ("y", "z", "rx", "ry", "rz")), 0.0)
+    keys[f"{where}.shift.x"] = 8.0
+    corrections = []
+    for folder, effects, values in (("arm", [], {}), ("moved", [step], keys)):
+        arm = read_solution(solution(tmp_path / folder, effects, values, rows=100))
+        corrections.append(actual_poses(arm, np.deg2rad([[0.0, 10, 10, 0, 30, 0]]), {})[0, :3, 3])
+    moved = np.linalg.norm(corrections[1] - corrections[0])
+    assert moved == pytest.approx(8.0 if is_corrected else 0.0, abs=1e-6)

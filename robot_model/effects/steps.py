@@ -31,7 +31,8 @@ class Shift(Effect):
     """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
     Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
-    `after` is an instant in s where time was recorded, else the number of a row.
+    `after` is an instant in s where time was recorded, else the number of a row. A step of the base is one of the
+    session: a moved instrument makes the same, and the arm's own errors stay what they are.
     """
 
     effect = "shift"
@@ -43,7 +44,7 @@ class Shift(Effect):
 
     def __init__(self, where: str, after: float):
         super().__init__(where)
-        self.after = after
+        self.after, self.of_session = after, where == "base"
 
     @classmethod
     def candidates(cls, chain):
@@ -202,6 +203,7 @@ class BaseWarmUp(WarmUpLaw, Effect):
 
     port = "frame"
     places = ("base",)
+    of_session = True
     equation = "twist = c (1 - exp(-(t - start) / T))"
 
     def table(self, chain):

@@ -15,6 +15,7 @@ import numpy as np
 
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import CONFOUNDED_SHARE, OUTLIER_WEIGHT
 from workbench.diagnosis.linear.evidence import cached
 from workbench.diagnosis.linear.problem import Problem
@@ -27,6 +28,7 @@ from workbench.diagnosis.validation.held_out import (
     rises_significantly,
     rms,
     showing_poses,
+    sigma_of,
     significance,
 )
 from workbench.diagnosis.validation.left_out_blocks import left_out_rows
@@ -147,14 +149,29 @@ def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
     return replace(term, kept=False, reason=reason)
 
 
-class ConditionalGains:
-    """The held-out gain of terms conditional on one another, to first order about one solution with all of them."""
+def without_others(bench, problem: Problem, rest: Sequence[int], samples) -> Problem:
+    """A problem with the effects of the numbers `rest` alone; samples (n,) bool that it holds (None: all).
 
-    def __init__(self, bench, problem: Problem, sigma):
-        self._bench, self._problem, self._sigma = bench, problem, sigma
+    To first order about its own solution, unless a load or a tilt is left out. The compliances would keep the loaded
+    torque, with which they make nearly all of what the load makes: that model is solved by itself.
+    """
+    effects = problem.effects
+    others = [effect for i, effect in enumerate(effects) if i not in rest]
+    if not any(effect.port in STATE_PORTS for effect in others):
+        return problem.conditional_on(rest)
+    return bench.problem([effects[i] for i in rest], samples, hypotheses=False).conditional_on()
+
+
+class ConditionalGains:
+    """The held-out gain of terms conditional on one another, about one solution with all of them: `without_others`."""
+
+    def __init__(self, bench, problem: Problem, samples=None):
+        self._bench, self._problem, self._samples = bench, problem, samples
+        self._sigma = sigma_of(bench, samples)
         self._schemes = schemes(problem.pose, problem)
         self._judges: dict[tuple, list[Scheme]] = {}
         self._rows: dict[tuple, np.ndarray] = {}
+        self._problems: dict[tuple, Problem] = {}
 
     def judged(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
         """The term, of the effects `indices`, with t, t_fall and gain of its presence among the effects `present`."""
@@ -193,15 +210,22 @@ class ConditionalGains:
 
     def _left_out(self, scheme: Scheme, rest: Sequence[int], present: Sequence[int]):
         """`nested_components` next to the effects `rest` and `present`."""
-        scored = self._sigma is not None
-        rows = [self._left_out_rows(scheme, indices) for indices in (rest, present)]
-        return nested_components(self._problem.conditional_on(rest), scheme.fold, rows, scored)
+        rows = [self._left_out_rows(scheme, held) for held in (rest, present)]
+        return nested_components(
+            self._problem_with(rest), scheme.fold, rows, self._sigma is not None
+        )
 
-    def _left_out_rows(self, scheme: Scheme, present: Sequence[int]) -> np.ndarray:
+    def _problem_with(self, held: Sequence[int]) -> Problem:
+        def make():
+            return without_others(self._bench, self._problem, held, self._samples)
+
+        return cached(self._problems, tuple(sorted(held)), make)
+
+    def _left_out_rows(self, scheme: Scheme, held: Sequence[int]) -> np.ndarray:
         """(N,) `left_out_rows` next to some effects; those of a sensor scored."""
 
         def make():
-            problem = self._problem.conditional_on(present)
+            problem = self._problem_with(held)
             return left_out_rows(problem, scheme.fold, scored=self._sigma is not None)
 
-        return cached(self._rows, (scheme.name, *sorted(present)), make)
+        return cached(self._rows, (scheme.name, *sorted(held)), make)

@@ -283,7 +283,7 @@ def _retained_terms(
     say(f"held-out gain of {len(findings)} terms, each conditional on the others")
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), effect_indices(findings)))
-    trial = ConditionalGains(bench, problem, sigma_of(bench, samples))
+    trial = ConditionalGains(bench, problem, samples)
     least = critical_t(bench.sigma)
 
     def judged(terms: Sequence[Term], among: Sequence[Term]) -> list[Term]:

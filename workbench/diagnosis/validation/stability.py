@@ -21,7 +21,7 @@ from workbench.diagnosis.validation.held_out import (
     sigma_of,
     significance,
 )
-from workbench.diagnosis.validation.judging import combined_t, judging_schemes
+from workbench.diagnosis.validation.judging import combined_t, judging_schemes, without_others
 from workbench.diagnosis.validation.left_out_blocks import left_out_rows
 from workbench.diagnosis.validation.terms import Term
 
@@ -86,6 +86,7 @@ class _Folds:
         used = np.ones(len(bench.pose), bool) if part is None else part
         findings = [term.finding for term in terms]
         self._bench, self._pose, self._usual = bench, bench.pose[used], inliers[used]
+        self._part = part
         self._sigma = sigma_of(bench, part)
         self._problem = bench.problem(effects_of(findings), part, hypotheses=False)
         self._numbers = effect_indices(findings)
@@ -121,8 +122,36 @@ class _Folds:
             self._bench, finding.effects, schemes, self._problem, indices
         ):
             solved, scored = self._solved[scheme], self._sigma is not None
-            pair = _nested_components(scheme, solved, (finding, moved), scored)
+            pair = self._nested_components(scheme, solved, (finding, moved), scored)
             out.append(significance(self._pose, *pair, self._usual, self._sigma))
+        return out
+
+    def _nested_components(
+        self, scheme: Scheme, folds: dict[int, "_SolvedFold"], without, scored: bool
+    ) -> np.ndarray:
+        """(2, m, n) components of the errors where every fold is predicted with what was found without it.
+
+        Without a finding and with it, as of `nested_components` and `without_others`. without: the finding, and what it
+        makes, as of `_displacements`.
+        """
+        parts = {}
+        for k, solved in folds.items():
+            rest, all_indices = [], []
+            for f, m, numbers in zip(
+                solved.findings, solved.displacements, effect_indices(solved.findings)
+            ):
+                all_indices += numbers
+                rest += [] if _same(f, m, *without) else numbers
+            problems = [
+                without_others(self._bench, solved.problem, held, self._part)
+                for held in (rest, all_indices)
+            ]
+            fold = np.where(scheme.fold == k, 0, -1)
+            rows = [left_out_rows(problem, fold, 0, scored) for problem in problems]
+            parts[k] = np.stack(nested_components(problems[0], fold, rows, scored))
+        out = np.full_like(next(iter(parts.values())), np.nan)
+        for k, part in parts.items():
+            out[..., scheme.fold == k] = part[..., scheme.fold == k]
         return out
 
 
@@ -165,32 +194,6 @@ def _is_reselected(moved: np.ndarray, others: list[np.ndarray]) -> bool:
     share = least_squares(columns, moved)
     like = np.maximum(share, 0.0) @ columns.T
     return bool(((moved - like) ** 2).sum() < (1 - MAJORITY) * (moved**2).sum())
-
-
-def _nested_components(
-    scheme: Scheme, folds: dict[int, _SolvedFold], without, scored: bool
-) -> np.ndarray:
-    """(2, m, n) components of the errors where every fold is predicted with what was found without it, to first order.
-
-    Without a finding and with it, as of `nested_components`. without: the finding, and what it makes, as of
-    `_displacements`.
-    """
-    parts = {}
-    for k, solved in folds.items():
-        rest, all_indices = [], []
-        for f, m, numbers in zip(
-            solved.findings, solved.displacements, effect_indices(solved.findings)
-        ):
-            all_indices += numbers
-            rest += [] if _same(f, m, *without) else numbers
-        problems = [solved.problem.conditional_on(indices) for indices in (rest, all_indices)]
-        fold = np.where(scheme.fold == k, 0, -1)
-        rows = [left_out_rows(problem, fold, 0, scored) for problem in problems]
-        parts[k] = np.stack(nested_components(problems[0], fold, rows, scored))
-    out = np.full_like(next(iter(parts.values())), np.nan)
-    for k, part in parts.items():
-        out[..., scheme.fold == k] = part[..., scheme.fold == k]
-    return out
 
 
 def _same(finding: Finding, displacement: np.ndarray, other: Finding, moved: np.ndarray) -> bool:
