@@ -243,9 +243,13 @@ def _quiet() -> Iterator[None]:
 def _kind_of(problem: BaseException) -> str:
     """Type and innermost line of the project: two inputs with the same kind have the same cause."""
     frames = traceback.extract_tb(problem.__traceback__)
-    own = [f for f in frames if f.filename.startswith(str(ROOT)) and "/tests/" not in f.filename]
+    own = [f for f in frames if _is_ours(f.filename)]
     place = f"{Path(own[-1].filename).relative_to(ROOT)}:{own[-1].lineno}" if own else "?"
     return f"{type(problem).__name__} at {place}: {str(problem)[:80]!r}"
+
+
+def _is_ours(name: str) -> bool:
+    return name.startswith(str(ROOT)) and "/tests/" not in name and "/.venv/" not in name
 
 
 def fuzz(targets: list[Target], inputs: int, seconds: float, seed: int, say=print) -> Outcome:

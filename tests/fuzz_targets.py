@@ -10,12 +10,14 @@ import numpy as np
 import datasets
 import workbench as wb
 from fuzz_engine import Target
+from fuzz_import_targets import import_command_targets, import_reader_targets
 from good_recordings import write_good
 from import_scenes import pose_scene
 from study_scenes import TEXT as STUDY
 from test_exports import BROWN, hand_eye_run
 from workbench.commands import cli
 from workbench.core.errors import InputError
+from workbench.files.runs import PROVISIONAL, opened
 
 PLAN = """[[stage]]
 name = "geometry"
@@ -155,7 +157,7 @@ def with_out(*words) -> Callable[[Path], None]:
 
 def targets(home: Path, commands: bool = True) -> list[Target]:
     """Every target, its example written below `home`."""
-    found = [*_text_targets(home), *_recording_targets(home)]
+    found = [*_text_targets(home), *_recording_targets(home), *import_reader_targets(home)]
     run = _calibrated_run(home)
     found += _run_targets(run)
     if commands:
@@ -192,7 +194,9 @@ def _text_targets(home: Path) -> Iterator[Target]:
     hand_eye = (home / "run-of-hand-eye" / "hand-eye.toml").read_bytes()
     camera = tomli_w.dumps({"format": "camera/1", **camera_keys(BROWN)})
     keys = RENDERING.replace("parts = [3, 2]\n", "")
+    coupled = robot_toml().replace("ratio = 1.0", "ratio = -0.5, mechanical = true")
     yield _one(home, "robot-file", "robot.toml", robot_toml(), lambda p: load_robot(str(p)))
+    yield _one(home, "coupled-robot", "robot.toml", coupled, lambda p: load_robot(str(p)))
     yield _one(home, "urdf", "arm.urdf", URDF, lambda p: load_robot(str(p)))
     yield _one(home, "scene", "scene.toml", SCENE, read_scene)
     yield _one(home, "rendering", "scene.toml", keys, read_rendering)
@@ -372,6 +376,14 @@ def _run_targets(run: Path) -> Iterator[Target]:
     yield Target("answer", run, "answer.json", wb.load)
     yield Target("open", run, "answer.json", lambda folder: open_subject(str(folder)))
     yield Target("targets", run, "targets.csv", lambda f: read_programme(f / "targets.csv", robot))
+    yield _one(run.parent, "interrupted", PROVISIONAL, '{"provisional": true}', _started_again)
+
+
+def _started_again(path: Path) -> None:
+    """A run in the folder of an interrupted one, which holds its first result."""
+    with opened("demo", "x", path.parent) as run:
+        (run.partial / "result.txt").write_text("whole", encoding="utf-8")
+    (path.parent / "result.txt").unlink()
 
 
 def _command_targets(home: Path, run: Path) -> Iterator[Target]:
@@ -390,6 +402,7 @@ def _command_targets(home: Path, run: Path) -> Iterator[Target]:
         ("stiffness", run, "solution.json", ("stiffness", "{}", "{}/targets.csv")),
         ("simulate", home / "scene", "scene.toml", ("simulate", "{}/scene.toml")),
         ("calibrate samples", recording, "samples.csv", calibrate),
+        ("calibrate trusting", recording, "samples.csv", (*calibrate, "--trust-data")),
         ("calibrate plan", home / "plan", "plan.toml", by_plan),
         ("calibrate list", run, "list.txt", by_list),
         ("import", _simulated(home), "samples.csv", sources),
@@ -397,6 +410,7 @@ def _command_targets(home: Path, run: Path) -> Iterator[Target]:
     )
     for name, folder, file, words in writing:
         yield Target(name, folder, file, with_out(*words))
+    yield from import_command_targets(home, with_out)
     yield Target("check", recording, "samples.csv", lambda f: command("check", f))
     yield Target("check toml", recording, "recording.toml", lambda f: command("check", f))
     yield Target(

@@ -95,8 +95,8 @@ def _clouds(home: Path) -> None:
     lines = ["file,X,Y,Z,A,B,C"]
     for number in np.unique(made.columns["pose"])[:12]:
         rows = made.columns["pose"] == number
-        name = f"scan_{int(number):02d}.csv"
-        _write_table(home / "scans" / name, ["x [mm]", "y [mm]", "z [mm]"], made.points[rows])
+        name = f"scan_{int(number):02d}.xyz"
+        np.savetxt(home / "scans" / name, made.points[rows], "%.5f")
         pose = made.flange[rows][0]
         angles = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
         lines.append(",".join(map(str, [name, *pose[:3, 3], *angles])))

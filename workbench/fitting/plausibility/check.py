@@ -50,6 +50,8 @@ from workbench.fitting.plausibility.wording import change_point_sentence, listed
 
 _ROWS, _MANY_STEPS = 240, 60
 _GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
+_FAR_FROM_GOOD = 3.0
+"""Times a good fit: an error above it is no deflection, whatever the direction of gravity."""
 _SIGMA_RATIO = 4.0
 _LEAST_DEGREES = 30
 _OF_GEOMETRY = (CAUSE, OTHER_ROBOT)
@@ -86,7 +88,7 @@ def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
         gravity = find_gravity(robot, recording, fit)
     except FAILURES:
         gravity = None
-    if gravity is None:
+    if gravity is None or gravity.held_out_mm > _FAR_FROM_GOOD * scale_of_good_fit:
         return _fit_suspicions(robot, recording, fit, scale_of_good_fit)
     others = []
     if fit.core < scale_of_good_fit or gravity.held_out_mm > scale_of_good_fit:

@@ -253,8 +253,8 @@ def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Susp
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
-            "of joint readings do not belong together, or the robot file describes another arm; check how the two "
-            "were joined, and the robot file.",
+            "of joint readings do not belong together, the robot file describes another arm, or several columns are "
+            "wrong at once; check how the two were joined, the robot file, and units, signs and order of the columns.",
             False,
             "rows-shuffled",
         )

@@ -1,7 +1,8 @@
 """Search for the correction, or the few corrections, that bring a recording near its robot.
 
 Screening: base and tool are fitted at the nominal geometry under every single correction and under every
-combination of signs and of columns in radians. Beam search joins the best single corrections with every other one.
+combination of signs and of columns in radians or gon. Beam search joins the best single corrections, and those of all
+columns of a kind, with every other one.
 The most promising candidates are fitted again with plausible geometry errors, and that fit decides.
 """
 
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from datasets.columns import QUATERNION, joint_columns
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
@@ -18,7 +20,12 @@ from workbench.fitting.plausibility.fitting import (
     nominal_scales,
 )
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
-from workbench.fitting.plausibility.hypotheses.corrections import Correction, join
+from workbench.fitting.plausibility.hypotheses.corrections import (
+    Correction,
+    has_orientation,
+    join,
+    point_columns,
+)
 from workbench.fitting.plausibility.hypotheses.coupling_corrections import coupling_corrections
 from workbench.fitting.plausibility.hypotheses.joint_corrections import (
     joint_corrections,
@@ -28,14 +35,14 @@ from workbench.fitting.plausibility.hypotheses.joint_corrections import (
 )
 from workbench.fitting.plausibility.hypotheses.point_corrections import point_corrections
 from workbench.fitting.plausibility.hypotheses.robot_corrections import robot_corrections
-from workbench.fitting.plausibility.hypotheses.row_corrections import row_corrections
+from workbench.fitting.plausibility.hypotheses.row_corrections import ROWS, row_corrections
 from workbench.fitting.plausibility.sampling import even_rows
 
 _SCREEN_ROWS, _JUDGE_ROWS = 50, 200
 _JUDGED, _PROMISING = 8, 4.0
 _BEAM = 5
 _DEEPEST = 3
-SIGN = "joint-sign"
+SIGN, UNITS = "joint-sign", ("joint-unit", "length-unit")
 _PROGRESS = 0.8
 CLOSE = 1.5
 """Candidates within this factor of the smallest scale explain the data about equally well."""
@@ -79,7 +86,7 @@ class Search:
 
 
 def search_singles(robot, recording) -> Search:
-    """Every single correction, every combination of signs and of columns in radians, and cycles of three joints."""
+    """Every single correction, every combination of signs and of columns in one unit, and cycles of three joints."""
     singles = single_corrections(robot, recording)
     vectors = [
         *sign_vectors(recording),
@@ -96,8 +103,9 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
     enough: scale in mm at which a fit is good and no further mistake is searched for.
     """
     before = search.beam[0].scale if search.beam else np.inf
+    seeds = [*_seeds(search.beam), *_of_all_columns(recording, search.singles)]
     for _ in range(_DEEPEST - 1):
-        joined = _joined(_seeds(search.beam), search.singles)
+        joined = _joined(seeds, search.singles)
         beam = screen(robot, recording, joined)
         found = _best([*search.explanations, *judge(robot, recording, beam)])
         search = Search(tuple(found), tuple(beam), search.singles)
@@ -108,6 +116,7 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
         ):
             break
         before = beam[0].scale
+        seeds = _seeds(search.beam)
     return search
 
 
@@ -168,15 +177,35 @@ def _seeds(beam) -> list[Candidate]:
     return [*beam[:_BEAM], *signs]
 
 
+def _of_all_columns(recording, singles) -> list[Candidate]:
+    """Corrections of all joint columns, all measured columns or the order of rows.
+
+    Such a mistake hides a second one, and the second one hides it: neither correction alone lowers the misfit.
+    """
+    kinds = [joint_columns(recording.columns), point_columns(recording), [ROWS]]
+    kinds += [QUATERNION] if has_orientation(recording) else []
+    wide = [set(names) for names in kinds if names]
+    return [Candidate(c, np.inf) for c in singles if any(names <= c.touches for names in wide)]
+
+
 def _joined(beam: list[Candidate], singles: list[Correction]) -> list[Correction]:
-    """Each of the beam with each single correction of other columns, every pair once."""
+    """Each of the beam with each single correction that it can be joined with, every pair once."""
     beams = {}
     for candidate in beam:
         for single in singles:
-            both_signs = (
-                single.cause == candidate.correction.cause == SIGN
-            )  # screened as sign vectors
-            if not both_signs and not candidate.correction.touches & single.touches:
-                pair = join([candidate.correction, single])
-                beams.setdefault(frozenset([candidate.correction.claim, single.claim]), pair)
+            first, second = sorted([candidate.correction, single], key=_is_no_unit)
+            both_signs = first.cause == second.cause == SIGN  # screened as sign vectors
+            is_disjoint = not first.touches & second.touches
+            if not both_signs and (is_disjoint or _is_unit_of_all(first, second)):
+                beams.setdefault(frozenset([first.claim, second.claim]), join([first, second]))
     return list(beams.values())
+
+
+def _is_no_unit(correction: Correction) -> bool:
+    return correction.cause not in UNITS
+
+
+def _is_unit_of_all(first: Correction, second: Correction) -> bool:
+    """Whether the first is a unit of all columns that the second one changes in another way."""
+    is_unit = first.cause in UNITS and second.cause not in UNITS
+    return is_unit and second.touches <= first.touches

@@ -26,6 +26,7 @@ ANGLE_UNITS = {
     "arc minutes": 1 / 60,
     "arc seconds": 1 / 3600,
 }
+_COMBINED_UNITS = ("radians", "gon")
 _LENGTH_UNITS = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
 _OFFSETS = (90.0, -90.0, 180.0)
 _WIDEST_DEG = 800.0
@@ -57,11 +58,9 @@ def sign_vectors(recording) -> Iterator[Correction]:
 
 
 def order_vectors(recording) -> Iterator[Correction]:
-    """Every cycle of three joint columns of one unit, in both directions."""
+    """Every cycle of three joint columns, in both directions."""
     joints = joint_columns(recording.columns)[:_MOST_SIGNS]
     for a, b, c in combinations(joints, 3):
-        if len({name[-3:] for name in (a, b, c)}) > 1:
-            continue
         for names in ((a, b, c), (a, c, b)):
             first, second, third = names
             remedy = (
@@ -72,12 +71,13 @@ def order_vectors(recording) -> Iterator[Correction]:
 
 
 def unit_vectors(recording) -> Iterator[Correction]:
-    """Every combination of two or more joint columns in radians."""
-    small = [
-        name for name in revolute_columns(recording) if _could_hold(recording, name, 180 / np.pi)
-    ]
-    for count in range(2, len(small) + 1):
-        yield from (_unit(names, "radians", 180 / np.pi) for names in combinations(small, count))
+    """Every combination of two or more joint columns in radians or gon."""
+    revolute = revolute_columns(recording)[:_MOST_SIGNS]
+    for unit in _COMBINED_UNITS:
+        factor = ANGLE_UNITS[unit]
+        possible = [name for name in revolute if _could_hold(recording, name, factor)]
+        for count in range(2, len(possible) + 1):
+            yield from (_unit(names, unit, factor) for names in combinations(possible, count))
 
 
 def sign_correction(names, parts: int | None = None) -> Correction:
@@ -145,11 +145,10 @@ def _offsets(revolute):
 
 
 def _orders(joints):
-    """Two columns swapped, all in reverse order, or all moved on in a cycle."""
+    """Two columns swapped, all in reverse order, or all moved on in a cycle; slides have their place among them."""
     for a, b in combinations(joints, 2):
-        if a[-3:] == b[-3:]:
-            yield _order((a, b), (b, a), "are swapped", "swap them back")
-    if len(joints) > 2 and len({name[-3:] for name in joints}) == 1:
+        yield _order((a, b), (b, a), "are swapped", "swap them back")
+    if len(joints) > 2:
         yield _order(
             joints,
             joints[::-1],

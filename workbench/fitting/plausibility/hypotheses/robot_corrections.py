@@ -11,10 +11,14 @@ from workbench.fitting.plausibility.hypotheses.corrections import Correction, li
 
 ROBOT = "robot"
 _FEW_NUMBERS = 4
+_ALPHA, _RIGHT_ANGLE = 3, np.sin(np.deg2rad(1))
+"""Column of the geometry, and the largest cosine of the angle between axes that are perpendicular."""
 
 
 def robot_corrections(robot) -> Iterator[Correction]:
-    """Every arm of the library with the same joints, and the other Denavit-Hartenberg convention."""
+    """Every arm of the library with the same joints, the other Denavit-Hartenberg convention, and each right angle
+    between axes with the opposite sign."""
+    yield from _twists(robot)
     other = "craig" if robot.convention == "distal" else "distal"
     yield Correction(
         "convention",
@@ -39,6 +43,29 @@ def robot_corrections(robot) -> Iterator[Correction]:
                 frozenset({ROBOT}),
                 _with_robot(known),
             )
+
+
+def _twists(robot):
+    for joint in np.flatnonzero(np.abs(np.cos(robot.geometry[:, _ALPHA])) < _RIGHT_ANGLE):
+        yield Correction(
+            "geometry",
+            f"robot file of '{robot.name}', alpha_deg of joint {joint + 1}",
+            "has the opposite sign",
+            "negate it",
+            frozenset({ROBOT}),
+            _with_twist(joint),
+        )
+
+
+def _with_twist(joint):
+    """The sine of the angle between two axes changes sign."""
+
+    def apply(robot, recording):
+        geometry = robot.geometry.copy()
+        geometry[joint, _ALPHA] *= -1
+        return replace(robot, geometry=geometry), recording
+
+    return apply
 
 
 @cache

@@ -42,6 +42,10 @@ _GOOD_MM, _GOOD_SHARE = 2.0, 0.1  # of the ball's radius
 _LARGEST_CIRCLE = 1.1  # over the ball's radius
 _SMALLEST_CIRCLE = 0.15
 _ROTATIONS, _SPARE = 4, 3
+_FEWEST_SCREENED = 6
+"""Poses of clouds: 18 coordinates for the 15 numbers of the linear model."""
+_SIMILAR = 100.0
+"""Ratio of squared misfits: a tenth of the misfit of another rotation decides against that one."""
 _TRIMMED = 4  # readings that are compared again without the worst rows
 _REMEDY = "check that rows and files belong together, --ball-radius and the mapping"
 
@@ -75,7 +79,14 @@ def import_scans(found, options, progress) -> Made:
             f"{first}: expected a ball in {_FEWEST} files or more, found {len(points)}; add poses."
         )
     names = [f"row {line} ({path.name})" for line, path in zip(rows.lines, files)]
-    scans = Scans(_seen(points, radius, is_profile), np.empty(0), names, radius, is_profile)
+    seen = _seen(points, radius, is_profile)
+    undetermined = np.flatnonzero(~np.isfinite(seen).all(0))
+    if len(undetermined):
+        raise InputError(
+            f"{files[undetermined[0]].name}: expected points that determine a ball of radius {radius:g} mm, found none; "
+            "scan it again, or remove the file and its row."
+        )
+    scans = Scans(seen, np.empty(0), names, radius, is_profile)
     mapping, fits, warnings = _decided(found, rows, scans, options, progress)
     if not is_profile:
         warnings = [*warnings, *filter(None, [radius_doubt(points, radius)])]
@@ -227,18 +238,44 @@ def _fit(k: int, readings, scans: Scans, rows: np.ndarray, misfit) -> tuple[int,
 
 def _screened(readings, scans: Scans, rows: np.ndarray) -> list[int]:
     """Places of the readings whose rotations fit best when the sensor's rotation matrix may be any matrix: the
-    problem is then linear, and no unit of length matters."""
-    cost: dict[str, float] = {}
+    problem is then linear, and no unit of length matters.
+
+    Few poses leave few degrees of freedom, so that all rotations with a similar misfit are retained.
+    """
     turn_of = [str(interpretation.flange_rotation) for _, interpretation, _ in readings]
+    cost = _costs(_linear_cost, turn_of, readings, scans, rows)
+    limit = sorted(cost.values())[:_ROTATIONS][-1]
+    if np.isnan(list(cost.values())).any():
+        if scans.is_profile or len(rows) < _FEWEST_SCREENED:
+            return list(range(len(readings)))
+        cost = _costs(_still_ball_cost, turn_of, readings, scans, rows)
+        ordered = sorted(cost.values())
+        limit = max(ordered[:_ROTATIONS][-1], _SIMILAR * ordered[0])
+    return [k for k, turn in enumerate(turn_of) if cost[turn] <= limit]
+
+
+def _costs(cost_of, turn_of, readings, scans: Scans, rows) -> dict[str, float]:
+    """`cost_of` the scans at the poses of the first reading with each rotation."""
+    cost: dict[str, float] = {}
     for turn, (_, _, poses) in zip(turn_of, readings):
         if turn not in cost:
-            cost[turn] = _linear_cost(scans.seen, poses[rows], scans.is_profile)
-    if np.isnan(
-        list(cost.values())
-    ).any():  # too few poses for the linear model: all readings are compared
-        return list(range(len(readings)))
-    retained = sorted(cost, key=cost.get)[:_ROTATIONS]
-    return [k for k, turn in enumerate(turn_of) if turn in retained]
+            cost[turn] = cost_of(scans.seen, poses[rows], scans.is_profile)
+    return cost
+
+
+def _still_ball_cost(seen, poses, is_profile) -> float:
+    """Share of the squared flange positions that no still ball explains, whatever matrix M turns the sensor's
+    coordinates: R (M c + t) + p = b for centres c (3, P) and flange poses (P, 4, 4), 15 numbers in M, t and b."""
+    rotation = poses[:, :3, :3]
+    count = len(poses)
+    by_matrix = np.einsum("pij,kp->pijk", rotation, seen).reshape(3 * count, 9)
+    by_shift = rotation.reshape(3 * count, 3)
+    by_ball = np.tile(np.eye(3), (count, 1))
+    positions = poses[:, :3, 3] - poses[:, :3, 3].mean(0)
+    design = np.hstack([by_matrix / max(np.abs(seen).max(), 1e-9), by_shift, by_ball])
+    found = np.linalg.lstsq(design, -positions.ravel(), rcond=1e-10)[0]
+    remainder = positions.ravel() + design @ found
+    return float((remainder**2).sum() / max((positions**2).sum(), 1e-300))
 
 
 def _linear_cost(seen, poses, is_profile) -> float:
