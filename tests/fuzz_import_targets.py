@@ -61,6 +61,7 @@ def pose_tables(n: int = 14) -> dict[str, tuple[list[str], np.ndarray]]:
 
 def write_scans(folder: Path, n: int = 6) -> None:
     """Clouds of the cap of the ball in the frame of the sensor, and poses.csv with Euler angles."""
+    folder.mkdir(exist_ok=True)
     turns, origins = flange_poses(n)
     rng = np.random.default_rng(7)
     lines = ["file,X,Y,Z,A,B,C"]

@@ -5,8 +5,11 @@
 
 import pytest
 
+import fuzz_import_targets
 from fuzz_engine import Fuzzer, Outcome, fuzz
 from fuzz_targets import targets
+from workbench.core.errors import InputError
+from workbench.recordings.importing import ImportOptions, import_recording
 
 SECONDS = 20
 FORMER_FAILURES = {
@@ -41,6 +44,18 @@ def test_inputs_that_once_failed(readers, name):
     for content in (FORMER_FAILURES[name], Fuzzer(target, 0).original + FORMER_FAILURES[name]):
         failure, _ = Fuzzer(target, 0).attempt(content, outcome)
         assert not failure
+
+
+def test_a_cloud_of_one_point_repeated_is_refused(tmp_path):
+    """The ball was not determined, and the search for the rotation convention ended in an error of linear algebra."""
+    fuzz_import_targets.write_scans(tmp_path / "scans")
+    path = tmp_path / "scans" / "scan_1.xyz"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, *60 * [lines[3]]]) + "\n")
+    poses = (tmp_path / "scans" / "poses.csv").rename(tmp_path / "poses.csv")
+    options = ImportOptions(ball_radius_mm=fuzz_import_targets.RADIUS_MM)
+    with pytest.raises(InputError, match="scan_1.xyz: expected points that determine a ball"):
+        import_recording([tmp_path / "scans", poses], tmp_path / "out", options)
 
 
 def test_the_fuzzer_finds_a_planted_fault(readers, monkeypatch):

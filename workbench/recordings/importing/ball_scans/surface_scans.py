@@ -83,8 +83,8 @@ def import_scans(found, options, progress) -> Made:
     undetermined = np.flatnonzero(~np.isfinite(seen).all(0))
     if len(undetermined):
         raise InputError(
-            f"{files[undetermined[0]].name}: expected points that determine a ball of radius {radius:g} mm, found none; "
-            "scan it again, or remove the file and its row."
+            f"{files[undetermined[0]].name}: expected points that determine a ball of radius {radius:g} mm, "
+            "found none; scan it again, or remove the file and its row."
         )
     scans = Scans(seen, np.empty(0), names, radius, is_profile)
     mapping, fits, warnings = _decided(found, rows, scans, options, progress)
