@@ -105,7 +105,9 @@ def test_a_refused_term_counts_for_the_uncertainty_of_the_model_without_it(run, 
     joints = np.deg2rad(np.random.default_rng(8).uniform(-50, 50, (40, 6)))
     sides = np.random.default_rng(9).choice([-1.0, 1.0], (6, 40))
     columns = {f"approach{k}": side for k, side in enumerate(sides, 1)}
-    assert not arm.effects and arm.considered.keys == ("joint-3.backlash.half_gap",)
+    assert not arm.effects and [one.title for one in arm.considered.effects] == [
+        "backlash at joint-3"
+    ]
     wrong_by = measured_points(arm, joints, columns) - measured_points(right, joints, columns)
     done = compensate(arm, joints, covariates=columns)
     alone = compensate(replace(arm, considered=None), joints, covariates=columns)
@@ -125,11 +127,12 @@ def measured_points(arm, readings, columns):
 def test_a_damaged_matrix_of_considered_terms_is_a_sentence(run, tmp_path):
     keys = json.loads((run[2] / "solution.json").read_text())
     row = {"effect": "backlash", "where": "joint-2", "seat": "approach"}
-    size = len(keys["free"]) + 1
-    considered = {"effects": [row], "free": ["joint-2.backlash.half_gap"]}
-    considered["covariance"] = (-np.eye(size)).tolist()
+    gap = "joint-2.backlash.half_gap"
+    model = {"effects": [row], "free": [gap], "values": {gap: 0.0}, "probability": 0.5}
+    considered = {"models": [model | {"covariance": [[-1.0]]}], "recorded_rms_mm": 0.0}
     (tmp_path / "solution.json").write_text(json.dumps(keys | {"considered": considered}))
-    with pytest.raises(InputError, match="key considered.covariance: expected a covariance matrix"):
+    words = "key considered.models.covariance: expected a covariance matrix"
+    with pytest.raises(InputError, match=words):
         read_solution(tmp_path)
 
 

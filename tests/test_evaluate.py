@@ -108,12 +108,20 @@ def test_an_unknown_refit_is_refused(runs, capsys):
     assert "base-and-tool" in capsys.readouterr().err
 
 
+MODEL = {"effects": [], "values": {}, "free": [], "covariance": [], "probability": 0.5}
+
+
 @pytest.mark.parametrize(
     "block, words",
     [
-        ({}, "key considered.effects: expected a value, found none"),
-        ([1, 2], "key considered: expected the effects, free keys and covariance"),
-        ({"effects": [], "free": ["a"], "covariance": [[1.0]]}, "key considered: expected"),
+        ({}, "key considered.recorded_rms_mm: expected a value, found none"),
+        ([1, 2], "key considered: expected the models"),
+        ({"models": [{"effects": []}], "recorded_rms_mm": 0.0}, "key considered.values: expected"),
+        (
+            {"models": [MODEL | {"probability": 2.0}], "recorded_rms_mm": 0.0},
+            "considered: expected",
+        ),
+        ({"models": [MODEL | {"free": ["a"]}], "recorded_rms_mm": 0.0}, "considered: expected"),
     ],
 )
 def test_a_broken_block_of_considered_terms_is_named(runs, tmp_path, block, words):

@@ -59,7 +59,9 @@ def test_a_loop_that_was_found_and_not_retained_counts_in_sigma(workbench, tmp_p
     covariance = np.zeros((size + 2, size + 2))
     covariance[:size, :size] = keys["covariance"]
     covariance[size, size] = 1e-4**2
-    considered = {"effects": [HYSTERESIS], "free": names, "covariance": covariance.tolist()}
+    model = {"effects": [HYSTERESIS], "values": keys["values"] | dict.fromkeys(names, 0.0)}
+    model |= {"free": [*keys["free"], *names], "covariance": covariance.tolist()}
+    considered = {"models": [model | {"probability": 1.0}], "recorded_rms_mm": 0.0}
     solution(tmp_path / "arm", considered=considered)
     _, rows, _ = answer_of(workbench, tmp_path, f"{JOINTS}\n{TARGET}\n", status=0)
     assert 0.03 < float(rows[0]["sigma_mm"]) < 0.045

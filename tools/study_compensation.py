@@ -25,7 +25,7 @@ from workbench.core.rigid import rotation_matrix  # noqa: E402
 from workbench.core.solution import Stage  # noqa: E402
 from workbench.explanation.answer import diagnose  # noqa: E402
 from workbench.explanation.output.corrected_model import write_model  # noqa: E402
-from workbench.files.considered import with_considered  # noqa: E402
+from workbench.files.considered import considered_arms, is_evaluable  # noqa: E402
 from workbench.files.solution_file import (  # noqa: E402
     CalibratedArm,
     read_solution,
@@ -160,12 +160,22 @@ def position_covariance(arm: CalibratedArm, readings: np.ndarray, covariates=Non
 
     From the covariance of the parameters, whose errors all positions share. covariates: as of `compensate`.
     """
+    point, total = _point_and_covariance(arm, readings, covariates)
+    alone = total
+    for other, chance in considered_arms(arm):
+        model = model_at(other, readings, nominal_poses(arm.robot, readings), covariates)
+        if is_evaluable(model.effects, model.chain.state):
+            moved, covariance = _point_and_covariance(other, readings, covariates)
+            total = total + chance * (covariance - alone + np.outer(moved - point, moved - point))
+    return total
+
+
+def _point_and_covariance(arm: CalibratedArm, readings, covariates):
+    """(3 n,) mm and (3 n, 3 n) mm^2 of the measured point."""
     model = model_at(arm, readings, nominal_poses(arm.robot, readings), covariates)
-    arm = with_considered(arm, model.chain.state)
-    model = model_at(arm, readings, nominal_poses(arm.robot, readings), covariates)
-    rows, covariance, _ = position_derivative(model, arm)
+    rows, covariance, parameters = position_derivative(model, arm)
     columns = rows.transpose(0, 2, 1).reshape(len(rows), 3 * rows.shape[2])
-    return columns.T @ covariance @ columns
+    return model.residual(parameters)[:3].T.ravel(), columns.T @ covariance @ columns
 
 
 def chance_above(limit: float, covariance: np.ndarray, degrees: int) -> float:

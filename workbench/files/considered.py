@@ -1,6 +1,6 @@
 """Key `considered` of `solution.json`: terms that are not in the model and count for its uncertainty."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,73 +11,99 @@ from workbench.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class Considered:
-    """Effects whose K parameters `keys` stay at 0 and are uncertain.
+class ConsideredModel:
+    """The model with one term that was not retained, fitted to the same recording.
 
-    `covariance` (F + K, F + K): of the F estimated parameters and these, in own units. `recorded_rms_mm`: RMS
-    distance that they make at the recorded poses; 0 where an older version wrote the file.
+    `effects` of the term; `values` of all parameters by key (mm, rad); `free` (F,) keys of the estimated ones with
+    their `covariance` (F, F) in own units; `probability` that this model predicts better.
     """
 
     effects: tuple[Effect, ...]
-    keys: tuple[str, ...]
+    values: Mapping[str, float]
+    free: tuple[str, ...]
     covariance: np.ndarray
-    recorded_rms_mm: float = 0.0
+    probability: float
 
     def as_json(self) -> dict:
         """What `read_considered` reads."""
-        rows = [
-            {"effect": _name_of(effect), "where": effect.where, **effect.options}
-            for effect in self.effects
-        ]
         return {
-            "effects": rows,
-            "free": list(self.keys),
+            "effects": [
+                {"effect": _name_of(effect), "where": effect.where, **effect.options}
+                for effect in self.effects
+            ],
+            "values": dict(self.values),
+            "free": list(self.free),
             "covariance": self.covariance.tolist(),
+            "probability": self.probability,
+        }
+
+
+@dataclass(frozen=True)
+class Considered:
+    """Models with a further term each, and the RMS distance (mm) that all make at the recorded poses."""
+
+    models: tuple[ConsideredModel, ...]
+    recorded_rms_mm: float
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Of all terms."""
+        return tuple(effect for model in self.models for effect in model.effects)
+
+    def as_json(self) -> dict:
+        """What `read_considered` reads."""
+        return {
+            "models": [model.as_json() for model in self.models],
             "recorded_rms_mm": self.recorded_rms_mm,
         }
 
 
-def read_considered(keys: Mapping | None, estimated: int) -> Considered | None:
-    """The terms of a solution with F = `estimated` parameters; None where it has none. Raises ValueError, KeyError."""
+def read_considered(keys: Mapping | None) -> Considered | None:
+    """The terms of a solution; None where it has none. Raises ValueError, KeyError, TypeError."""
     if keys is None:
         return None
+    recorded = float(keys["recorded_rms_mm"])
+    if not recorded >= 0:
+        raise ValueError("recorded_rms_mm")
+    return Considered(tuple(_read_model(model) for model in keys["models"]), recorded)
+
+
+def _read_model(keys: Mapping) -> ConsideredModel:
     rows = [dict(row) for row in keys["effects"]]
     effects = make_effects(CATALOGUE, [(row.pop("effect"), row.pop("where"), row) for row in rows])
-    names = tuple(str(key) for key in keys["free"])
-    size = estimated + len(names)
-    covariance = np.array(keys["covariance"], float).reshape(size, size)
-    recorded = float(keys.get("recorded_rms_mm", 0.0))
-    if not recorded >= 0:
-        raise ValueError("considered.recorded_rms_mm")
-    return Considered(effects, names, covariance, recorded)
+    values = {str(key): float(value) for key, value in keys["values"].items()}
+    free = tuple(str(key) for key in keys["free"])
+    covariance = np.array(keys["covariance"], float).reshape(len(free), len(free))
+    probability = float(keys["probability"])
+    if not 0 <= probability <= 1:
+        raise ValueError("probability")
+    if not set(free) <= set(values) or not np.isfinite(list(values.values())).all():
+        raise ValueError("values")
+    return ConsideredModel(effects, values, free, covariance, probability)
 
 
-def with_considered(arm, state):
-    """The arm with its considered terms as effects at 0, as far as the covariates of a state hold what they read.
+def considered_arms(arm) -> Iterator[tuple[object, float]]:
+    """The arm with each term that counts for its uncertainty, and the probability of that model.
 
-    arm: `workbench.files.solution_file.CalibratedArm`; state: `robot_model.state.State`.
+    arm: `workbench.files.solution_file.CalibratedArm`. Terms of its own that are switched off stay so.
     """
-    considered = arm.considered
-    if considered is None:
-        return arm
-    effects = tuple(e for e in considered.effects if e.linear and _is_evaluable(e, state))
-    prefixes = tuple(f"{effect.where}.{effect.effect}." for effect in effects)
-    is_selected = [k for k, key in enumerate(considered.keys) if key.startswith(prefixes)]
-    order = [*range(len(arm.free)), *(len(arm.free) + k for k in is_selected)]
-    keys = [considered.keys[k] for k in is_selected]
-    return replace(
-        arm,
-        effects=(*arm.effects, *effects),
-        values=arm.values | dict.fromkeys(keys, 0.0),
-        free=(*arm.free, *keys),
-        covariance=considered.covariance[np.ix_(order, order)],
-        considered=None,
-    )
+    for model in () if arm.considered is None else arm.considered.models:
+        other = replace(
+            arm,
+            effects=(*arm.effects, *model.effects),
+            values=dict(model.values),
+            free=model.free,
+            covariance=model.covariance,
+            considered=None,
+        )
+        yield other, model.probability
 
 
-def _is_evaluable(effect: Effect, state) -> bool:
+def is_evaluable(effects, state) -> bool:
+    """Whether the covariates of a `robot_model.state.State` hold what some effects read."""
     try:
-        effect.basis(state)
+        for effect in effects:
+            effect.basis(state)
     except InputError:
         return False
     return True
@@ -87,4 +113,4 @@ def _name_of(effect: Effect) -> str:
     return next(name for name, kind in CATALOGUE.items() if kind is type(effect))
 
 
-__all__ = ["Considered", "read_considered", "with_considered"]
+__all__ = ["Considered", "ConsideredModel", "considered_arms", "is_evaluable", "read_considered"]

@@ -252,11 +252,11 @@ def _configurations(rows) -> np.ndarray | None:
 def _considered(path: Path, keys: Mapping) -> Considered | None:
     """The terms that are not in the model. Raises InputError with the key where they are not usable."""
     try:
-        return read_considered(keys.get("considered"), len(keys["free"]))
+        return read_considered(keys.get("considered"))
     except KeyError as problem:
         raise _unusable(path, f"considered.{problem.args[0]}", "a value", "none") from None
     except (TypeError, ValueError, AttributeError, InputError) as problem:
-        expected = "the effects, free keys and covariance that `workbench diagnose` writes"
+        expected = "the models that `workbench diagnose` writes"
         found = f"a block that cannot be read ({problem})".rstrip(".")
         raise _unusable(path, "considered", expected, found) from None
 
@@ -295,11 +295,11 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         raise _unusable(path, "fitted_range", "lowest and highest values", "them exchanged")
     if problem := _covariance_problem(arm.covariance):
         raise _unusable(path, "covariance", "a covariance matrix", problem)
-    if arm.considered is not None:
-        if not np.isfinite(arm.considered.covariance).all():
-            raise _unusable(path, "considered.covariance", "finite numbers", "others")
-        if problem := _covariance_problem(arm.considered.covariance):
-            raise _unusable(path, "considered.covariance", "a covariance matrix", problem)
+    for model in () if arm.considered is None else arm.considered.models:
+        if not np.isfinite(model.covariance).all():
+            raise _unusable(path, "considered.models.covariance", "finite numbers", "others")
+        if problem := _covariance_problem(model.covariance):
+            raise _unusable(path, "considered.models.covariance", "a covariance matrix", problem)
 
 
 def _covariance_problem(covariance: np.ndarray) -> str:

@@ -22,7 +22,7 @@ from workbench.core.least_squares.linear_algebra import least_squares, solve_pos
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.rigid import transform
-from workbench.files.considered import with_considered
+from workbench.files.considered import considered_arms, is_evaluable
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.extrapolation import extrapolation_mm
 from workbench.jobs.robot.compensation.model_error import remaining_error_mm
@@ -179,9 +179,8 @@ def considered_covariates(arm: CalibratedArm) -> frozenset[str]:
     """The recorded columns that only considered terms read: they change the uncertainty and not the correction."""
     if arm.considered is None or arm.fitted_range is None:
         return frozenset()
-    model, columns = _watched(arm)
-    with_considered(arm, model.chain.state)
-    return frozenset(columns.read & set(arm.fitted_range)) - covariates_read(arm)
+    others = [covariates_read(other) for other, _ in considered_arms(arm)]
+    return frozenset().union(*others) - covariates_read(arm)
 
 
 def _watched(arm: CalibratedArm) -> tuple[Model, "_Recorder"]:
@@ -410,12 +409,24 @@ def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> 
 
 
 def _sigma_at(arm, readings, target, covariates) -> np.ndarray:
+    """(n,) mm: of the mixture of the model and of those with a considered term, see `considered_terms`."""
     model = model_at(arm, readings, target, covariates)
-    arm = with_considered(arm, model.chain.state)
-    model = model_at(arm, readings, target, covariates)
+    point, alone, parameters = _point(model, arm)
+    squares = alone + extrapolation_mm(model, parameters, arm) ** 2
+    for other, chance in considered_arms(arm):
+        wider = model_at(other, readings, target, covariates)
+        if is_evaluable(wider.effects, wider.chain.state):
+            moved, variance, _ = _point(wider, other)
+            distance = ((moved - point) ** 2).sum(0)
+            squares = squares + chance * (np.maximum(variance - alone, 0.0) + distance)
+    return np.sqrt(squares)
+
+
+def _point(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
+    """(3, n) mm of the measured point in the world, from the target, (n,) mm^2 its variance, and all parameters."""
     rows, covariance, parameters = position_derivative(model, arm)
     variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
-    return np.hypot(np.sqrt(np.maximum(variance, 0)), extrapolation_mm(model, parameters, arm))
+    return model.residual(parameters)[:3], np.maximum(variance, 0.0), parameters
 
 
 def _with_worst_covariates(arm, readings, target, covariates) -> dict:
