@@ -150,7 +150,7 @@ def test_images_of_a_board_are_counted_by_check(tmp_path):
 def test_the_last_steps_of_a_calibration_report_every_fold_and_section(tmp_path):
     import datasets
     from workbench.jobs.robot.calibrate import calibrate
-    from workbench.report import write_report
+    from workbench.report.page import write_report
 
     said = []
     calibration = calibrate(datasets.read("elastic-arm"), folds=4, progress=said.append)

@@ -10,7 +10,7 @@ import pytest
 
 from datasets.recording import Recording
 from robot_model import load_robot
-from workbench.report import provenance, text, write_report
+from workbench.report import provenance, text
 from workbench.report.calibration import errors as spread
 from workbench.report.calibration import (
     history,
@@ -20,6 +20,7 @@ from workbench.report.calibration import (
     stages,
     summary_image,
 )
+from workbench.report.page import write_report
 
 SECTIONS = ("stages", "spread", "parameters", "residuals", "scene", "history", "provenance")
 

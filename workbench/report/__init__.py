@@ -1,5 +1,4 @@
-"""Report page of a calibration: one self-contained HTML file and a summary image."""
+"""Report pages, one self-contained HTML file a run, and summary images.
 
-from workbench.report.page import write_report
-
-__all__ = ["write_report"]
+Importing the package imports none of its pages; `page.write_report` writes that of a calibration.
+"""

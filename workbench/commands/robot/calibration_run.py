@@ -131,7 +131,7 @@ def deliver(result: dict, run: runs.Run, json: str | None) -> None:
 
 
 def _report(calibration, scans, folder: Path, say) -> None:
-    from workbench.report import write_report
+    from workbench.report.page import write_report
 
     more = ()
     if scans is not None:
