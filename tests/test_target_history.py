@@ -38,6 +38,17 @@ def test_a_loop_counts_with_its_centre_and_half_its_width(workbench, tmp_path):
     assert readings[2] == pytest.approx(np.mean(readings[:2]), abs=1e-6)
 
 
+def test_a_wide_loop_of_unknown_side_refuses_no_target(workbench, tmp_path):
+    """Without a correction the arm has the same loop: the model that knows it is no worse than one that does not."""
+    wide = {name: 10 * value for name, value in SIZES.items()}
+    folder = solution(tmp_path / "arm", [HYSTERESIS], wide)
+    held_out = read_solution(folder).held_out_mm
+    answer, rows, _ = answer_of(workbench, tmp_path, f"{JOINTS}\n{TARGET}\n", status=0)
+    assert float(rows[0]["sigma_mm"]) > 3 * held_out and not answer["refused"]
+    stated = answer_of(workbench, tmp_path, f"{JOINTS}\n{TARGET}\n", "--max-sigma-mm", "0.1")[0]
+    assert "standard uncertainty" in stated["refused"][0]["why"]
+
+
 def test_loops_of_several_joints_add_up_in_squares(tmp_path):
     backlash = {"effect": "backlash", "where": "joint-2"}
     changes = SIZES | {"joint-2.backlash.half_gap": 2e-4}

@@ -266,10 +266,11 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
 
     shift = deflection_mm(arm, programme, found, covariates_of(arm, programme))
     sigma = found.sigma_mm
-    if (
-        limits.sigma_mm is None
-    ):  # a warning states what another load would do: no single target is at fault
-        sigma = np.sqrt(np.maximum(sigma**2 - shift**2, 0.0))
+    if limits.sigma_mm is None:
+        # warnings state what another load, or the other side of a loop, would do: no single target is at fault, and
+        # the uncorrected arm has the same loop
+        loops = _loops(arm, programme, found)
+        sigma = np.sqrt(np.maximum(sigma**2 - shift**2 - loops**2, 0.0))
     largest_mm, largest_deg = limits.largest_correction(arm)
     for words, values, largest, unit in (
         ("its correction", found.position_mm, largest_mm, "mm"),
@@ -353,13 +354,21 @@ def _worst_assumed(arm: CalibratedArm, programme) -> list[str]:
     ]
 
 
+def _loops(arm: CalibratedArm, programme, found) -> np.ndarray:
+    """(n,) mm: half the width of loops whose side the targets do not state; 0 where a target is not reached."""
+    loops = np.zeros(len(found.reached))
+    if found.reached.any():
+        columns = {name: values[found.reached] for name, values in programme.covariates.items()}
+        loops[found.reached] = half_loops_mm(arm, found.readings[found.reached], columns)
+    return loops
+
+
 def _unknown_sides(arm: CalibratedArm, programme, found) -> list[str]:
     """A sentence on loops of hysteresis or backlash whose side the targets do not state, or none."""
     missing = sorted(set(approaches_read(arm.acting_effects)) - set(programme.covariates))
     if not missing or not found.reached.any():
         return []
-    columns = {name: values[found.reached] for name, values in programme.covariates.items()}
-    half = half_loops_mm(arm, found.readings[found.reached], columns).max()
+    half = _loops(arm, programme, found).max()
     terms = [effect.title for effect in arm.acting_effects if approaches_read([effect])]
     return [
         f"The targets do not state the side that joints come from: {', '.join(terms)} counts with the centre of its "
