@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from datasets.columns import QUATERNION, joint_columns
 
+from datasets.samples.columns import QUATERNION, joint_columns
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
