@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.findings import finding, with_special_cases
-from workbench.diagnosis.search.most_probable_set import _limit_variants
+from workbench.diagnosis.search.most_probable_set import _is_last, _limit_variants
 from workbench.diagnosis.search.objective import ConditionalSolution, LogPosterior
 from workbench.diagnosis.search.options import accept_refined
 from workbench.diagnosis.search.posterior import Window
@@ -147,6 +147,25 @@ def one_variant(covariate: str, label: str) -> SimpleNamespace:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("gain", "for_prediction", "thorough", "ends"),
+    [
+        (4, True, True, True),
+        (6, True, True, False),
+        (4, False, True, False),
+        (2, False, False, True),
+    ],
+)
+def test_a_fold_ends_where_a_set_changes_less_than_laws_are_wrong(
+    gain, for_prediction, thorough, ends
+):
+    """Twice the gain is at 1000 degrees of freedom 1 % of the sum of squares where it is 10."""
+    objective = SimpleNamespace(value=lambda set_: 100.0 + gain * (len(set_) - 1), degrees=1000.0)
+    search = SimpleNamespace(for_prediction=for_prediction)
+    assert _is_last(search, objective, (0, 1), (0,), thorough) == ends
+    assert not _is_last(search, objective, (0,), (), thorough)
+
+
 def test_a_law_that_another_variant_hides_alone_is_found_with_the_deflection():
     planted = pytest.importorskip("datasets.makers.planted", reason="MuJoCo makes the recording")
     recording = planted.make(5009, 1, 3, False).made.recording()

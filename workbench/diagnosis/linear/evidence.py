@@ -359,7 +359,7 @@ class SampleSums:
 
 def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -> np.ndarray:
     """Log Bayes factor from log|I + s^2 D Z'Z D| and q(s), each (sizes, ...), summed over the sizes."""
-    return _marginalise_sizes(log_evidence_by_size(volume, gain, projected))
+    return marginalise_sizes(log_evidence_by_size(volume, gain, projected))
 
 
 def log_evidence_by_size(volume: np.ndarray, gain: np.ndarray, projected) -> np.ndarray:
@@ -373,7 +373,7 @@ def log_null(projected) -> float:
     return float(-0.5 * (projected.degrees + _ANCHOR) * np.log(projected.yy + _ANCHOR))
 
 
-def _marginalise_sizes(logs: np.ndarray) -> np.ndarray:
+def marginalise_sizes(logs: np.ndarray) -> np.ndarray:
     """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
     logs = logs + _LOG_PRIOR.reshape(-1, *[1] * (logs.ndim - 1))
     top = logs.max(0)
@@ -393,7 +393,7 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     volume = np.log1p(spread * values).sum(-1)
     log_remainder = np.log1p(-np.minimum(share, 1 - 1e-12))
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * log_remainder
-    evidence = _marginalise_sizes(logs)
+    evidence = marginalise_sizes(logs)
     remaining_degrees = np.maximum(degrees - rank, 1)
     remaining_share = 1 - gain / max(yy, 1e-300)
     tail = betainc(remaining_degrees / 2, np.maximum(rank, 1) / 2, remaining_share)

@@ -15,9 +15,10 @@ from scipy.optimize import nnls
 
 from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.effect import Effect
-from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.core.least_squares.linear_algebra import solve_positive, symmetric_eigenvalues
 from workbench.diagnosis.levels import MAX_ROUNDS, UNDETERMINED_STD
 from workbench.diagnosis.linear.candidates import Candidate
+from workbench.diagnosis.linear.evidence import SIZES, marginalise_sizes
 from workbench.diagnosis.linear.problem import Problem
 
 
@@ -77,15 +78,21 @@ def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _cost(parts: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> float:
-    """Minus the log of the share of the moments' prior that the data leave, next to all compliances."""
+    """Minus the log of the share of the moments' prior that the data leave, next to all compliances.
+
+    The prior has the sizes of the coefficients of every other law: a wider one would cost more than moments of its own
+    cost a single law.
+    """
     columns = (parts @ moments).T
     residual = y - columns @ sizes
     variance = float(residual @ residual) / degrees
     changes = np.tensordot(sizes, parts[:, :, 1:], 1)
     changes = changes - columns @ _solved(columns, changes)
-    spent = np.eye(len(moments) - 1) + UNDETERMINED_STD**2 / variance * changes.T @ changes
-    unlikely = ((moments[1:] / UNDETERMINED_STD) ** 2).sum()
-    return float(0.5 * np.linalg.slogdet(spent)[1] + 0.5 * unlikely)
+    values = np.maximum(symmetric_eigenvalues(changes.T @ changes / variance), 0.0)
+    spread = SIZES[:, None] ** 2
+    spent = np.log1p(spread * values).sum(1)
+    unlikely = (moments[1:] ** 2 / spread).sum(1)
+    return -float(marginalise_sizes(-0.5 * (spent + unlikely)))
 
 
 def _nonpositive(columns: np.ndarray, y: np.ndarray) -> np.ndarray:

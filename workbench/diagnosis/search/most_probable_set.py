@@ -5,7 +5,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from workbench.core.model import STATE_PORTS
-from workbench.diagnosis.levels import LEAST_LOG_ODDS, MAX_ROUNDS, SIGNIFICANT_SIGMAS
+from workbench.diagnosis.levels import (
+    LEAST_LOG_ODDS,
+    MAX_ROUNDS,
+    NEGLIGIBLE_SHARE,
+    NOTABLE_SHARE,
+    SIGNIFICANT_SIGMAS,
+)
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
@@ -16,6 +22,7 @@ from workbench.diagnosis.search.options import (
     with_estimated_options,
     with_exact_options,
 )
+from workbench.diagnosis.search.prior import LAW_ERROR
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import LAW, Stepwise
 
@@ -29,7 +36,7 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     """Replace what is accepted by the set with the highest posterior, in the order in which its terms explain most.
 
     thorough: what would stand in the place of each accepted term is searched, too. It takes a table for each of them,
-    so that it is left for the noise as it is finally known.
+    so that it is left for the noise as it is finally known, as are terms that add little.
     """
     tried: list[set] = []
     for _ in range(MAX_ROUNDS):
@@ -42,15 +49,18 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
             members = dominant_law(objective, members, len(remainder))
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
-        if names in tried or _is_gain_negligible(objective, members, present):
+        if names in tried or _is_gain_below(NEGLIGIBLE_SHARE, objective, members, present):
             break
+        is_last = _is_last(search, objective, members, present, thorough)
         tried.append(names)
         search.accepted = tuple(_with_effect(search.bench, h) for h in chosen)
         search.record_terms(chosen)
         search.solve_feasible()
         order_by_gain(search)
-        refine_options(search, is_first=len(tried) == 1 and not thorough)
+        refine_options(search, is_first=len(tried) == 1 and not thorough, rounds=1)
         refine_instants(search)
+        if is_last:
+            break
     order_by_gain(search)
 
 
@@ -81,11 +91,33 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     return Accepted(len(terms), loads)
 
 
-def _is_gain_negligible(objective: LogPosterior, members: Members, present: Members) -> bool:
-    """Whether a set is likelier than the accepted one, but by less than is worth another solution."""
+def _is_gain_below(
+    share: float, objective: LogPosterior, members: Members, present: Members
+) -> bool:
+    """Whether a set is likelier than the accepted one, but by less than a share of its log posterior odds over none.
+
+    Or by less than is worth another solution.
+    """
     if not present:
         return False
-    return 0 <= objective.value(members) - objective.value(present) < LEAST_LOG_ODDS
+    value = objective.value(members)
+    return 0 <= value - objective.value(present) < max(LEAST_LOG_ODDS, share * value)
+
+
+def _is_last(
+    search: Search, objective: LogPosterior, members: Members, present: Members, thorough: bool
+) -> bool:
+    """Whether a set, once solved, is left as it is.
+
+    Before the noise is known, what adds little is left for the search with it. In a fold predictions alone count: a
+    set that changes the sum of squares by less than the laws are wrong predicts as well as the next one.
+    """
+    if not thorough:
+        return _is_gain_below(NOTABLE_SHARE, objective, members, present)
+    if not search.for_prediction or not present:
+        return False
+    gain = objective.value(members) - objective.value(present)
+    return 0 <= 2 * gain < LAW_ERROR * objective.degrees
 
 
 def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.optimize import minimize_scalar
 
-from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.core.least_squares.linear_algebra import least_squares, pseudo_inverse
 from workbench.diagnosis.levels import MAX_ROUNDS, ROUNDING, SIGNIFICANT_SIGMAS
 from workbench.diagnosis.linear.candidates import Candidate, Scan
 from workbench.diagnosis.linear.estimates import RealOption
@@ -24,6 +25,8 @@ _CLOSE = 0.1  # standard deviations of an option that are worth no other solutio
 _CLEAR = 100.0
 """Fall of the sum of squares over the variance that is left: a grid leaves a hundredth of it, which is then a sigma."""
 _RESOLUTION = 1e-5  # of the distance between neighbours of a grid
+_NODES = 9
+"""Values between two neighbours of a grid at which columns are computed: a wave turns by a few radians there."""
 _STEP = 1e-4  # of the same, half-step of a derivative
 
 
@@ -128,15 +131,16 @@ def _base_of(scan: Scan, problem: Problem) -> Scan | None:
     return problem.sources.get(scan.key[:-1] if scan.is_exact else scan.key)
 
 
-def refine_options(search, is_first: bool = False) -> None:
+def refine_options(search, is_first: bool = False, rounds: int = MAX_ROUNDS) -> None:
     """Give the options of all accepted hypotheses the values that the data determine, and solve with them.
 
     Conditional on all others. is_first: on those before it alone, in the order in which they explain most. What
     explains less may be what an option that is not known yet leaves, and would keep it from its value. A value that
-    the solution with another one leads back to is as good as that.
+    the solution with another one leads back to is as good as that. rounds: solutions at most; a search that goes on
+    needs one.
     """
     tried = []
-    for _ in range(1 if is_first else MAX_ROUNDS):
+    for _ in range(rounds):
         refined = []
         for i, h in enumerate(search.accepted):
             others = tuple(range(i)) if is_first else search.other_indices(i)
@@ -209,13 +213,8 @@ def _refined(likelihood: "_Profile | None", hypothesis: Hypothesis) -> Hypothesi
     family = likelihood.family
     lower, upper = family.bracket
     resolution = _RESOLUTION * (upper - lower)
-    best = minimize_scalar(
-        lambda value: -likelihood.gain(value),
-        bounds=(lower, upper),
-        method="bounded",
-        options={"xatol": resolution},
-    )
-    value, std = float(best.x), likelihood.std(float(best.x))
+    value = likelihood.maximum(lower, upper, resolution)
+    std = likelihood.std(value)
     if not std < upper - lower:  # the grid is as fine as the data are
         return hypothesis
     integer = float(np.round(value))
@@ -239,10 +238,27 @@ class _Profile:
             return None
         return cls(family, Projected(search.problem.conditional_on(others)))
 
-    def gain(self, value: float) -> float:
-        """Fall of the sum of squares at a value."""
-        columns, coefficients = self._solved(value)
-        return float(self.projected.y @ (columns @ coefficients))
+    def maximum(self, lower: float, upper: float, resolution: float) -> float:
+        """The value between two others at which the sum of squares falls most, to a resolution.
+
+        Columns are orthogonalised at Chebyshev's nodes alone, all at once, and interpolated between these.
+        """
+        nodes = chebpts1(_NODES)
+        parts = [self.family.columns(lower + (upper - lower) * (t + 1) / 2) for t in nodes]
+        columns = self.projected.problem.orthogonalise(np.concatenate(parts, 1))
+        gram, score = columns.T @ columns, columns.T @ self.projected.y
+        of_nodes = np.linalg.inv(chebvander(nodes, _NODES - 1))
+        unit = np.eye(parts[0].shape[1])
+
+        def minus_gain(value: float) -> float:
+            at = 2 * (value - lower) / (upper - lower) - 1
+            mixing = np.kron((chebvander(at, _NODES - 1) @ of_nodes).T, unit)
+            along = mixing.T @ score
+            return -float(along @ pseudo_inverse(mixing.T @ gram @ mixing, ROUNDING) @ along)
+
+        options = {"xatol": resolution}
+        best = minimize_scalar(minus_gain, bounds=(lower, upper), method="bounded", options=options)
+        return float(best.x)
 
     def std(self, value: float) -> float:
         """Standard deviation of the option at a value: as of a further parameter of the linearised model."""

@@ -72,7 +72,7 @@ def find(
 
 def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
     """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
-    search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None)
+    search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None, for_prediction=True)
     search.solve()
     _accept_terms(search)
     exchange_terms(search)

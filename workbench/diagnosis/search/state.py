@@ -27,6 +27,7 @@ class Search:
     `screened`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
     after that. `screening_conditions`: spread, random effect and whether a compliance is accepted, for which it holds.
     `always_listed`: hypotheses that every table holds, however unlikely they are. `first`: called with the first terms.
+    `for_prediction`: whether only what the accepted hypotheses predict counts, as in a fold, and not their names.
     """
 
     bench: Bench
@@ -45,6 +46,7 @@ class Search:
     screening_conditions: tuple = (None, None, False)
     always_listed: tuple[Hypothesis, ...] = ()
     first: Callable[[Sequence[Hypothesis]], None] | None = None
+    for_prediction: bool = False
 
     def record_terms(self, terms: Sequence[Hypothesis]) -> None:
         """A line with what is accepted now."""
