@@ -42,7 +42,11 @@ def stripe_budget():
 
     stack, truth = _scan()
     seconds = fastest(5, partial(_ours, stack))
-    note = f"{len(stack) / seconds:,.0f} images a second; {_quality(stack, truth)}"
+    one_pass = fastest(5, partial(_largest_of_pieces, stack))
+    note = (
+        f"{len(stack) / seconds:,.0f} images a second (largest pixel of every 64 alone: "
+        f"{len(stack) / one_pass:,.0f}); {_quality(stack, truth)}"
+    )
     return Row(f"stripe, {_size(stack)}, allowed", seconds, len(stack) / PER_SECOND, 1, note)
 
 
@@ -131,6 +135,13 @@ def _ours(stack, background=None):
     from sensors.stripe.find import find_stripes
 
     return find_stripes(stack, background=background)
+
+
+def _largest_of_pieces(stack):
+    """The one pass over all pixels that finding the line needs: what memory and `cv2.reduce` allow at most."""
+    import cv2
+
+    return cv2.reduce(stack.reshape(-1, 64), 1, cv2.REDUCE_MAX)
 
 
 def _size(stack):

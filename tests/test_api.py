@@ -40,6 +40,15 @@ def test_import_loads_no_large_library():
     assert not {"numpy", "torch", "cv2", "open3d", "pandas", "typer"} & set(done.stdout.split())
 
 
+def test_a_module_of_the_reports_imports_no_pages():
+    """Pages import plotly, scipy and the arm: 0.6 s for a function that formats numbers."""
+    code = "import sys, workbench.report.text; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert not {"workbench.report.page", "plotly", "scipy"} & set(done.stdout.split())
+
+
 def test_every_command_has_a_function():
     names = {info.name for info in cli.app.registered_commands}
     functions = {name.replace("_", "-") for name in COMMANDS}
