@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from workbench.fitting.plausibility.gravity_direction import GravityDirection
 
 import user_error_changes as changes
 from datasets.recording import Recording
@@ -12,6 +11,7 @@ from robot_model import load_robot
 from robot_model.chain import forward
 from user_errors_more import robot_twist
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.robot_files.gravity_direction import GravityDirection
 
 NOISE_MM = 0.03
 # theta (deg), d, a (mm), alpha (deg), range of the reading (deg; mm of a slide)
