@@ -131,14 +131,14 @@ def test_wider_limits_or_force_let_it_pass(workbench, tmp_path, words):
     assert any("--force: 1 targets" in one for one in answer["warnings"]) == (words == ("--force",))
 
 
-def coupled_wrist(folder, measured_mm):
+def coupled_wrist(folder, measured_mm, more=()):
     """A solution with a coupling of the wrist that turns the tool by 1.2 deg within the recorded range."""
     coupling = {"effect": "joint-coupling", "where": "joint-5", "joint": 4}
     values = {
         "joint-5.joint-coupling.from4": 0.03,
         "joint-3.theta3": load_robot(ABB).geometry[2, 0],
     }
-    return solution(folder, [coupling], values, nominal={"rms_mm": measured_mm})
+    return solution(folder, [coupling, *more], values, nominal={"rms_mm": measured_mm})
 
 
 CONFIRMED = pytest.mark.parametrize(("measured_mm", "is_refused"), [(3.0, False), (0.1, True)])
@@ -170,6 +170,13 @@ def test_larger_corrections_pass_where_the_measured_error_confirms_them(
     arm = read_solution(coupled_wrist(tmp_path / "arm", measured_mm))
     assert (largest_corrections(arm) == (10.0, 1.0)) == is_refused
     assert Limits(correction_deg=0.5).largest_correction(arm)[1] == 0.5
+
+
+@pytest.mark.parametrize("where", ["base", "tool"])
+def test_the_error_of_a_base_that_moved_confirms_no_correction(tmp_path, where):
+    step = {"effect": "shift", "where": where, "after": 40.5}
+    arm = read_solution(coupled_wrist(tmp_path / "arm", 12.0, [step]))
+    assert (largest_corrections(arm) == (10.0, 1.0)) == (where == "base")
 
 
 def test_only_the_implausible_rows_are_refused(workbench, tmp_path):

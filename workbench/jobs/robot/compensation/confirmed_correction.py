@@ -17,11 +17,13 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
 
     10 mm and 1 deg, or the largest correction in the recorded ranges of the readings with a margin, where the
     measurements confirm it: the error of the nominal arm was measured, and it is as large as the model makes it once
-    base and tool are fitted, as they were for the nominal arm. Never above 30 mm and 3 deg.
+    base and tool are fitted, as they were for the nominal arm. Never above 30 mm and 3 deg. A measured error that
+    contains a base which moved in the recording confirms nothing of the arm.
     """
     measured_mm = (arm.keys.get("nominal") or {}).get("rms_mm")
     readings = _recorded_readings(arm)
-    if measured_mm is None or readings is None:
+    has_moved = any(e.of_session and e.where == "base" for e in arm.effects)
+    if measured_mm is None or readings is None or has_moved:
         return LARGEST_MM, LARGEST_DEG
     middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
     actual, nominal = actual_poses(arm, readings, middle), nominal_poses(arm.robot, readings)
