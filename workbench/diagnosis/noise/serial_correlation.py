@@ -68,20 +68,29 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
 def prefers_term(without: Problem, with_term: Problem) -> bool:
     """Whether a term and the correlation that remains next to it are likelier than the correlation alone.
 
-    A step makes what it leaves unexplained correlated, so that the correlation is estimated in both models: maximum
-    likelihood of a first-order autoregression, a random walk at most, compared by the Bayesian information criterion
-    (Schwarz, Ann. Stat. 6 (1978) 461), in which the instant of the term counts as one more number. Problems of the same
-    samples, with the term in the residual of the first and in the basis of the second.
+    A step makes what it leaves unexplained correlated, so that the correlation is estimated in both models. The instant
+    of the term counts as one more number. Problems of the same samples, with the term in the residual of the first and
+    in the basis of the second.
+    """
+    gain = log_evidence(without, with_term) - log_evidence(without, without)
+    poses = min(len(np.unique(without.pose)), _MOST_POSES)
+    return gain > 0.5 * np.log(poses * (len(without.residual) // without.n))
+
+
+def log_evidence(without: Problem, model: Problem) -> float:
+    """Log evidence of a model under noise with a correlation of its own, but for a constant of all models.
+
+    Maximum likelihood of a first-order autoregression, a random walk at most, and the Bayesian information criterion
+    (Schwarz, Ann. Stat. 6 (1978) 461). without: the problem of the same samples whose residual all models explain; nan
+    where its coordinates are not the same of all samples.
     """
     residual = without.orthogonalise(without.residual)
-    y = _by_pose(without, residual[:, None])
-    fits = []
-    for problem in (without, with_term):
-        basis = _by_pose(problem, problem.full_basis)
-        fits.append(_Restricted.of(y, basis, degree=None))
-    logs = [max(fit.profile_log(value) for value in _GRID) for fit in fits]
-    numbers = 1 + fits[0].degrees - fits[1].degrees
-    return logs[1] - logs[0] > 0.5 * numbers * np.log(y.size)
+    if len(residual) % without.n:
+        return float("nan")
+    y = _by_pose(without, residual[:, None])[:_MOST_POSES]
+    basis = _by_pose(model, model.full_basis)[:_MOST_POSES]
+    fit = _Restricted.of(y, basis, degree=None)
+    return max(fit.profile_log(value) for value in _GRID) + 0.5 * fit.degrees * np.log(y.size)
 
 
 @dataclass(frozen=True)

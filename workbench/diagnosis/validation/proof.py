@@ -52,6 +52,7 @@ from workbench.diagnosis.validation.stability import (
     judges_of_all,
     stable_terms,
 )
+from workbench.diagnosis.validation.step_places import with_step_places
 from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.machine.processes import local, one_thread
 from workbench.machine.progress import counted, duration
@@ -82,6 +83,7 @@ def prove(
     inliers = ~found.outliers
     errors = Errors(bench)
     terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
+    terms = with_step_places(bench, terms)
     nested = _nested_search(bench, found, find if terms else None, errors, say, jobs)
     say("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)

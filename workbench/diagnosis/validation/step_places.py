@@ -1,0 +1,91 @@
+"""The place of a step, compared by evidence under the correlation that each place leaves.
+
+The search takes what a step leaves for independent noise. Where more is missing, the six numbers of a part that moved
+follow this, too, and seem to prove its place. With a correlation of its own in every model, only what the other places
+leave beyond that counts, and each number that a place has more is paid for.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.effects.steps import Shift
+from robot_model.effects.transmission import ZeroShift
+from workbench.core.effect import Effect
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY
+from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Problem
+from workbench.diagnosis.noise.serial_correlation import log_evidence
+from workbench.diagnosis.validation.folds import tested_samples
+from workbench.diagnosis.validation.stability import effects_of
+from workbench.diagnosis.validation.terms import Term
+
+_STEPS = (Shift, ZeroShift)
+
+
+def with_step_places(bench: Bench, terms: Sequence[Term]) -> list[Term]:
+    """The terms, where each step has the place that is clearly the likeliest and lists the others as alternatives."""
+    compared = list(terms)
+    for i, term in enumerate(terms):
+        effects = term.finding.effects
+        if bench.chain is not None and len(effects) == 1 and isinstance(effects[0], _STEPS):
+            others = effects_of([other.finding for k, other in enumerate(compared) if k != i])
+            compared[i] = replace(term, finding=_among_places(bench, term.finding, others))
+    return compared
+
+
+def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> Finding:
+    """A step's finding, conditional on other effects: its place, probability and alternatives."""
+    steps = _steps_at_its_instant(bench.chain, finding.effects[0], others)
+    whole = bench.problem((*others, *steps), tested_samples(bench), hypotheses=False)
+    kept = list(range(len(others)))
+    without = whole.conditional_on(kept)
+    models = [whole.conditional_on([*kept, len(kept) + k]) for k in range(len(steps))]
+    logs = np.array([log_evidence(without, model) for model in models])
+    if not np.isfinite(logs).all():
+        return finding
+    best = int(np.argmax(logs))
+    chosen = best if logs[best] - logs[0] > LEAST_LOG_ODDS else 0
+    explained = np.array([_squares(without) - _squares(model) for model in models])
+    alike = np.clip(explained / max(explained[chosen], 1e-300), 0.0, 1.0)
+    names = [(step.effect, step.where) for step in steps]
+    rest = [a for a in finding.alternatives if (a.effect, a.where) not in names]
+    shares = np.exp(logs - logs[best])
+    shares *= (1 - sum(a.probability for a in rest)) / shares.sum()
+    listed = [
+        Alternative(*names[k], finding.label, float(shares[k]), float(alike[k]), _why(alike[k]))
+        for k in np.argsort(-shares)
+        if k != chosen and shares[k] >= LISTED_PROBABILITY
+    ]
+    effect, where = names[chosen]
+    return replace(
+        finding,
+        effect=effect,
+        where=where,
+        effects=(steps[chosen],),
+        probability=float(shares[chosen]),
+        alternatives=(*listed, *rest),
+    )
+
+
+def _steps_at_its_instant(chain, own: Effect, others: Sequence[Effect]) -> list[Effect]:
+    """The step, and those of all places at its instant that the others do not hold; the last link is the tool."""
+    held = {(effect.effect, effect.where) for effect in others}
+    last = f"link-{chain.robot.joints}"
+    found = [own]
+    for kind in _STEPS:
+        for where in (w for place in kind.places for w in chain.places(place) if w != last):
+            step = kind(where, own.after)
+            name = step.effect, step.where
+            if name != (own.effect, own.where) and name not in held:
+                found.append(step)
+    return found
+
+
+def _squares(problem: Problem) -> float:
+    remaining = problem.orthogonalise(problem.residual)
+    return float(remaining @ remaining)
+
+
+def _why(alike: float) -> str:
+    return f"it makes {100 * alike:.0f} % of the same signature in these poses"
