@@ -19,6 +19,7 @@ from workbench.recordings.templates import write_template
 from workbench.recordings.templates.images import write_reachable_scene
 
 TABLES = [kind for kind in KINDS if not KINDS[kind].images]
+OF_ROBOTS = [kind for kind in TABLES if kind != "target-pose"]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,8 @@ def test_template_is_commented_and_sufficient(kind, templates):
     recording = datasets.read(folder)
     assert recording.measures == kind and recording.n >= 10
     assert (folder / "recording.toml").read_text().count("#") >= 5
-    assert "Nominal robot" in (folder / "robot.toml").read_text()
+    if kind in OF_ROBOTS:
+        assert "Nominal robot" in (folder / "robot.toml").read_text()
     made = inspect_recording(recording)
     assert made.is_sufficient, made.sentence
 
@@ -57,12 +59,21 @@ def calibrated(folder, tmp_path) -> dict:
     "kind",
     [
         "external-point",
-        *(pytest.param(k, marks=pytest.mark.slow) for k in TABLES if k != "external-point"),
+        *(pytest.param(k, marks=pytest.mark.slow) for k in OF_ROBOTS if k != "external-point"),
     ],
 )
 def test_template_calibrates_as_it_is(kind, templates, tmp_path, capsys):
     result = calibrated(templates(kind), tmp_path)
     assert result["held_out"]["rms_mm"] < 0.1
+    capsys.readouterr()
+
+
+def test_template_of_target_poses_gives_a_hand_eye_transform(templates, tmp_path, capsys):
+    answer = tmp_path / "a.json"
+    command = ["handeye", str(templates("target-pose")), "--no-report", "--out"]
+    assert run([*command, str(tmp_path / "out"), "--json", str(answer)]) == 0
+    result = json.loads(answer.read_text())
+    assert result["held_out"]["origin_mm"] < 0.3
     capsys.readouterr()
 
 

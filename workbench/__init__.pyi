@@ -613,8 +613,7 @@ def hand_eye(
     no_report: bool = False,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Estimate the hand-eye transform from images or profiles and flange poses: uncertainty and held-
-    out error.
+    r"""Estimate the hand-eye transform from images, profiles or target poses and flange poses.
 
     Args:
         recording: Folder of a recording with flange poses or joint readings, or a known name.

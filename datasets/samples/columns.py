@@ -44,6 +44,9 @@ KINDS = {
     "ball-centre": Kind(
         "the centre of a ball in the sensor frame", ("ball", *POINT), artefact=True
     ),
+    "target-pose": Kind(
+        "pose of a board or marker in the frame of a camera", (*POINT, *QUATERNION)
+    ),
     "external-point": Kind("a reflector in the frame of an external instrument", POINT),
     "external-pose": Kind("point and orientation in an external frame", (*POINT, *QUATERNION)),
     "partial-pose": Kind("a point and one unit axis of the tool", POINT, either=AXES),

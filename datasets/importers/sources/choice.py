@@ -152,8 +152,8 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
     scans = [path for path in files if path.suffix.lower() == ".npy"]
     profiles += _many([path for path in scans if clouds.is_array_cloud(path)])
     structured = [path for path in files if path.suffix.lower() in STRUCTURED]
-    table, others = read_pose_files([p for p in texts if p not in profiles] + structured)
-    tables = () if table is None else (replace(table, folder=folder),)
+    series, others = read_pose_files([p for p in texts if p not in profiles] + structured)
+    tables = tuple(replace(table, folder=folder) for table in series)
     found, skipped = Source(tables=tables), []
     found = found + Source(clouds=tuple(profiles))
     for path in files:

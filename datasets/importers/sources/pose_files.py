@@ -21,18 +21,34 @@ _HALCON = re.compile(r"^([rt])((?:\s+[+-]?[\d.]+(?:[eE][+-]?\d+)?){3})\s*$", re.
 _FEWEST, _LARGEST_BYTES = 3, 4096
 
 
-def read_pose_files(paths: Sequence[Path]) -> tuple[RawTable | None, list[Path]]:
-    """The table of files that hold one pose each, None where there are none, and the paths that are none.
+def read_pose_files(paths: Sequence[Path]) -> tuple[list[RawTable], list[Path]]:
+    """The tables of files that hold one pose each, and the paths that are none.
 
-    Such files have a name that ends with a number and hold equally many numbers; the column "file" has their names.
+    Such files have a name that ends with a number and hold equally many numbers; the column "file" has their names. Two
+    series of files (pose_rPe_1, ..., and pose_cPo_1, ...) make two tables.
     """
     values = {path: _numbers(path) for path in paths}
     sizes = [len(found) for found in values.values() if found is not None]
     size = max(set(sizes), key=sizes.count) if sizes else 0
     chosen = [path for path, found in values.items() if found is not None and len(found) == size]
     if size not in _SIZES or len(chosen) < _FEWEST:
-        return None, list(paths)
-    cells = np.array([values[path] for path in chosen])
+        return [], list(paths)
+    tables = [_table(part, [values[path] for path in part], size) for part in _series(chosen)]
+    return tables, [path for path in paths if path not in chosen]
+
+
+def _series(paths: Sequence[Path]) -> list[list[Path]]:
+    """The files of two series with equally many files, or all together."""
+    parts: dict[str, list[Path]] = {}
+    for path in paths:
+        parts.setdefault(re.sub(r"[\W_]*\d+$", "", path.stem), []).append(path)
+    found = list(parts.values())
+    is_pair = len(found) == 2 and len(found[0]) == len(found[1]) >= _FEWEST
+    return found if is_pair else [list(paths)]
+
+
+def _table(chosen: Sequence[Path], values: Sequence[Sequence[float]], size: int) -> RawTable:
+    cells = np.array(values)
     columns: dict[str, np.ndarray] = {"file": np.array([path.name for path in chosen])}
     if size in (6, 7):
         columns |= {f"pose {k + 1}": cells[:, k] for k in range(size)}
@@ -40,8 +56,7 @@ def read_pose_files(paths: Sequence[Path]) -> tuple[RawTable | None, list[Path]]
         poses = np.tile(np.eye(4), (len(cells), 1, 1))
         poses[:, : size // 4] = cells.reshape(-1, size // 4, 4)
         columns |= pose_columns("pose", poses)
-    table = RawTable(f"{chosen[0].name} ...", columns, np.arange(1, len(chosen) + 1))
-    return table, [path for path in paths if path not in chosen]
+    return RawTable(f"{chosen[0].name} ...", columns, np.arange(1, len(chosen) + 1))
 
 
 def _numbers(path: Path) -> list[float] | None:
@@ -51,9 +66,12 @@ def _numbers(path: Path) -> list[float] | None:
     try:
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() in STRUCTURED:
-            longest = max(
-                (_NUMBER.findall(one[0]) for one in _LIST.finditer(text)), key=len, default=[]
-            )
+            lists = [_NUMBER.findall(one[0]) for one in _LIST.finditer(text)]
+            longest = max(lists, key=len, default=[])
+            if (
+                len(longest) == 1
+            ):  # a column vector, one number on each line, as in the files of ViSP
+                longest = [one[0] for one in lists if one]
             return [float(cell) for cell in longest]
         halcon = {letter: numbers.split() for letter, numbers in _HALCON.findall(text)}
         if len(halcon) == 2:

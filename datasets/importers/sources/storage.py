@@ -32,10 +32,21 @@ def read_storage(path: Path) -> Source:
         return Source(tables=tuple(read_json_tables(path, _json_lines(path))))
     if path.suffix.lower() == ".json":
         return Source(tables=tuple(read_json_tables(path, _json(path))))
+    return Source(tables=tuple(read_json_tables(path, _yaml(path))))
+
+
+def _yaml(path: Path):
+    """The records of a YAML file, as MoveIt writes them. Raises InputError for other files."""
+    try:
+        content = read_yaml(path)
+    except (OSError, ContentError) as problem:
+        raise complaint(path.name, "YAML", f"a mistake ({problem})", "write it again") from None
+    if isinstance(content, list | dict):
+        return content
     raise complaint(
         path.name,
-        "an OpenCV FileStorage or a Kalibr target",
-        "neither %YAML:1.0 nor target_type",
+        "an OpenCV FileStorage, a Kalibr target or records",
+        "none of them",
         "name the file that holds the poses or the target",
     )
 

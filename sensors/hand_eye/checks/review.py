@@ -7,7 +7,7 @@ named only where its alternative fits near the noise, several times better than 
 number of alternatives tried makes likely by chance.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,12 +102,17 @@ class Named:
 
 
 def review(
-    data: PoseData, noise: CornerNoise, named: Named, readings: Iterable[Reading], starts=()
+    data: PoseData,
+    noise: CornerNoise,
+    named: Named,
+    readings: Iterable[Reading],
+    starts=(),
+    more: Callable[[PoseData], Sequence[Alternative]] | None = None,
 ) -> Review:
     """Test the recorded data and, where they fail, every alternative.
 
-    noise: of the corners, from each image alone. readings: flange poses with one mistake undone each. starts: (4, 4)
-    sensor poses to start from.
+    noise: of the corners, from each image alone; zero where it is unknown. readings: flange poses with one mistake
+    undone each. starts: (4, 4) sensor poses to start from. more: further alternatives.
     """
     recorded = fit_poses(data, starts=starts)
     result = Review(recorded.rms, recorded.trimmed_rms, noise, (), recorded)
@@ -117,6 +122,7 @@ def review(
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
         fitted += lag_alternatives(data, recorded, named.kind)
+        fitted += more(data) if more is not None else ()
     best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
         result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
@@ -193,9 +199,15 @@ def _sentence(reviewed, best: Alternative, others, near) -> str:
     return (
         f"{best.seems}{also}: the board, which never moves, scatters by "
         f"{best.recorded(reviewed):.3g} mm as recorded and by {best.misfit:.2g} mm with "
-        f"this corrected (the corner noise makes {reviewed.expected_mm:.2g} mm){rest}; "
-        f"{best.do}"
+        f"this corrected{_noise_words(reviewed, ' (', ')')}{rest}; {best.do}"
     )
+
+
+def _noise_words(reviewed, before: str, after: str) -> str:
+    """What the corner noise makes of the scatter; empty where it is unknown."""
+    if not reviewed.expected_mm:
+        return ""
+    return f"{before}the corner noise makes {reviewed.expected_mm:.2g} mm{after}"
 
 
 def _unexplained(reviewed: Review, data: PoseData, arm: float) -> Finding | None:
@@ -213,8 +225,7 @@ def _unexplained(reviewed: Review, data: PoseData, arm: float) -> Finding | None
     )
     sentence = (
         f"the flange poses do not fit the images: the board, which never moves, scatters by "
-        f"{reviewed.scatter_mm:.3g} mm, "
-        f"where the corner noise makes {reviewed.expected_mm:.2g} mm; {where}"
+        f"{reviewed.scatter_mm:.3g} mm{_noise_words(reviewed, ', where ', '')}; {where}"
     )
     impossible = disagreement > _IMPOSSIBLE_DEG or reviewed.trimmed_mm > _IMPOSSIBLE * arm
     return Finding(UNEXPLAINED, sentence, impossible)

@@ -48,6 +48,8 @@ def next_command(recording, folder: Path) -> str:
     has_poses = any("sample" in row for row in recording.images) or recording.flange is not None
     commands = {"board-images": "handeye" if has_poses else "camera", "scan-images": "scanner"}
     name = commands.get(recording.measures, "calibrate")
+    if recording.measures == "target-pose":
+        name = "handeye"
     if recording.measures in ("ball-surface", "ball-centre") and not recording.joints.shape[1]:
         name = "handeye"
     target = f"{folder.name}-{name}"

@@ -64,7 +64,7 @@ def command(
     no_report: answer.NoReport = False,
     session: SessionFile = None,
 ) -> None:
-    """Estimate the hand-eye transform from images or profiles and flange poses: uncertainty and held-out error."""
+    """Estimate the hand-eye transform from images, profiles or target poses and flange poses."""
     given = {"RECORDING": recording, "--camera": camera, "--scanner": scanner, "--kind": kind}
     given["--trust-data"] = trust_data or None
     edits = edit_session.session_stated(session, HAND_EYE, given)
@@ -77,8 +77,7 @@ def command(
         from workbench.jobs.sensor import hand_eye
 
         read = edit_session.edited(edits, datasets.read(recording, options["trust_data"]))
-        is_profile = read.measures in ("ball-surface", "ball-centre")
-        units = hand_eye_verdict.PROFILE_UNITS if is_profile else hand_eye_verdict.UNITS
+        units = hand_eye_verdict.units_of(read.measures)
         tolerances = verdict.parse_tolerances(tolerance, units)
         sensor = options["camera"] or options["scanner"]
         hand_eye_run = hand_eye.calibrate(

@@ -229,13 +229,16 @@ def handeye(console, answer: Mapping) -> None:
             console.print(line, markup=False)
         console.print()
     keys = [key for key in answer["fit"] if key in answer["held_out"]]
+    is_target = answer.get("measures") == "target-pose"
+    words = {key: text.replace("board", "target") for key, text in _ERRORS.items()}
+    words = words if is_target else _ERRORS
     rows = [
-        [_ERRORS.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]]
+        [words.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]]
         for key in keys
     ]
     grid(
         console,
-        "Scatter of the estimated board pose or sphere over the poses",
+        f"Scatter of the estimated {'target pose' if is_target else 'board pose or sphere'} over the poses",
         ["", "fit", "held out"],
         rows,
     )

@@ -20,8 +20,12 @@ from workbench.fitting.verdicts.verdict import (
     judge,
 )
 
-UNITS = ("mm", "deg", "px")
-PROFILE_UNITS = ("mm",)
+_UNITS = ("mm", "deg", "px")
+_UNITS_OF_KIND = {
+    "ball-surface": ("mm",),
+    "ball-centre": ("mm",),
+    "target-pose": ("mm", "deg"),
+}
 FROM_IMAGES = "from each image alone, without the robot"
 FROM_PROFILES = "from each profile alone, without the robot"
 # Images with tilted boards give the focal length to 0.5 % or better. At 5 % the distance of the board is as uncertain,
@@ -35,6 +39,11 @@ _NEGLIGIBLE = 0.03
 _REDUCE = "To reduce it, calibrate the arm, warm it up, and approach all poses from the same side."
 _TURN = "turn the flange about a second axis, by 20 deg or more"
 _TILT = "tilt the board against the camera by 20 to 45 deg"
+
+
+def units_of(measures: str) -> tuple[str, ...]:
+    """Units in which a kind of recording has errors that a tolerance can limit."""
+    return _UNITS_OF_KIND.get(measures, _UNITS)
 
 
 def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
@@ -118,6 +127,11 @@ def _boards(run, tolerances) -> Verdict:
         ("turn_deg", "deg", "scatter of the estimated board orientation"),
         ("rms_px", "px", "reprojection error"),
     )
+    if run.is_of_target_poses:
+        rows = (
+            ("origin_mm", "mm", "scatter of the estimated target position"),
+            ("turn_deg", "deg", "scatter of the estimated target orientation"),
+        )
     noise = _noise(run)
     parts, is_above = [], False
     for key, unit, name in rows:
@@ -148,6 +162,8 @@ def _above_noise(part: Verdict) -> str:
 
 def _noise(run) -> dict[str, float]:
     """By unit, what the corner noise makes of each error; without a review only that of the corners is known."""
+    if run.is_of_target_poses:
+        return {}
     if run.review is None:
         return {"px": math.sqrt(2) * run.made.noise}
     noise = run.review.noise
@@ -155,7 +171,7 @@ def _noise(run) -> dict[str, float]:
 
 
 def _held_out(hand_eye: HandEye):
-    if math.isfinite(hand_eye.held_out["rms_px"]):
+    if math.isfinite(hand_eye.held_out["turn_deg"]):
         return hand_eye.held_out, "held-out"
     return hand_eye.fit, "fitted"
 
@@ -322,10 +338,11 @@ def robot_sigma(run) -> dict[str, float | None]:
 
 def _few_poses(run) -> list[str]:
     used = sum(not row.outlier for row in run.made.poses)
-    if run.board is None or used >= _FEW_POSES:
+    has_target = run.board is not None or run.is_of_target_poses
+    if not has_target or used >= _FEW_POSES:
         return []
     return [
-        f"only {used} poses: {6 * used} robot coordinates stand against 12 unknowns of camera and board, so that a "
+        f"only {used} poses: {6 * used} robot coordinates stand against 12 unknowns of camera and target, so that a "
         f"faulty pose is hard to recognise and the uncertainties are rough; take at least {_FEW_POSES} poses, better 15"
     ]
 

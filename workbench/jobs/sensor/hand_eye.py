@@ -34,7 +34,7 @@ from workbench.fitting.verdicts.hand_eye_verdict import (
 )
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor import camera as cameras
-from workbench.jobs.sensor import hand_eye_clouds
+from workbench.jobs.sensor import hand_eye_clouds, hand_eye_targets
 from workbench.machine.progress import paced
 
 FILE = "hand-eye.toml"
@@ -79,6 +79,11 @@ class HandEyeRun:
         """Radius of the ball, mm; None for boards, and for measured ball centres, which do not depend on it."""
         return None if self.recording.measures == "ball-centre" else self.made.radius
 
+    @property
+    def is_of_target_poses(self) -> bool:
+        """Whether another program measured the poses of the target: their errors are not those of the flange alone."""
+        return self.recording.measures == "target-pose"
+
 
 def calibrate(
     recording: Recording,
@@ -98,6 +103,8 @@ def calibrate(
         return _from_surface(recording, kind, progress)
     if recording.measures == "ball-centre":
         return _from_centres(recording, kind, progress)
+    if recording.measures == "target-pose":
+        return _from_targets(recording, kind, progress, trust_data)
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
@@ -112,18 +119,17 @@ def calibrate(
     _check_enough(recording, views, found)
     camera, source = _camera(recording, sensor, found, progress)
     known = camera.camera if isinstance(camera, StatedCamera) else camera
-    progress(f"hand-eye from {len(views)} images")
     from sensors.hand_eye.images import hand_eye_from_views
     from workbench.fitting.verdicts.hand_eye_review import Observed, refuse, review_recording
 
     rows = rows_of_samples(recording, [view.row["sample"] for view in views])
     poses = flange[rows]
+    progress(f"hand-eye from {len(views)} images")
     if not trust_data:
         _check_equal_poses(recording, views, poses)
-    is_held = source == HELD or sensor is not None
-    review = review_recording(
-        Observed(recording, found, views, known, not is_held, poses, rows, kind), progress
-    )
+    is_made = source != HELD and sensor is None
+    observed = Observed(recording, found, views, known, is_made, poses, rows, kind)
+    review = review_recording(observed, progress)
     calibration = camera if isinstance(camera, CameraCalibration) else None
     if not trust_data and is_refused_by(review, calibration):
         refuse(recording, review)
@@ -199,6 +205,11 @@ def _on_camera(camera, source: str) -> tuple[str, ...]:
     )
 
 
+def _from_targets(recording, kind, progress, trust_data) -> HandEyeRun:
+    found = hand_eye_targets.from_target_poses(recording, kind, progress, trust_data)
+    return HandEyeRun(recording, found.made, found.flange, found.names, review=found.review)
+
+
 def _from_centres(recording, kind, progress) -> HandEyeRun:
     _check_in_hand(recording, kind)
     flange = flange_poses(recording)
@@ -266,6 +277,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     """The answer of `workbench handeye`; tolerances: what its verdict is judged by."""
     hand_eye = run.made
     return {
+        "measures": run.recording.measures,
         "kind": hand_eye.kind,
         "transform": "T_base_sensor" if hand_eye.kind == TO_HAND else "T_flange_sensor",
         "poses": len(run.flange),

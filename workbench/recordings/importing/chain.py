@@ -31,6 +31,7 @@ from workbench.recordings.importing.remarks import remarks_sentence, unused_sent
 from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.sources.finding import Found, find_mapping, is_mapped
 from workbench.recordings.importing.sources.timed_join import ClockDecision, OffsetMode
+from workbench.recordings.importing.target_poses.tables import import_target_poses
 from workbench.recordings.importing.user_columns import in_user_columns
 from workbench.recordings.inspection.needs import coverage_needs
 
@@ -183,6 +184,9 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
         raise _without_clouds(found, options.ball_radius_mm)
     if found.source.clouds:
         found = with_ball_centres(found, options, progress)
+    targets = import_target_poses(found, options, progress)
+    if targets is not None:
+        return found, targets
     centres = import_centres(found, options, progress)
     if centres is not None:
         return found, centres

@@ -18,6 +18,7 @@ from sensors.hand_eye.checks.relative_motions import (
 from workbench.core.errors import InputError
 from workbench.core.rigid import transform
 from workbench.files.images.flange import flange_poses, rows_of_samples
+from workbench.files.images.target import stated_kind, target_poses
 
 _GAP_DEG = 1.0  # more than an arm of any quality makes
 _FEWEST = 3
@@ -53,6 +54,24 @@ def inspect_hand_eye(recording: Recording, detection, progress) -> HandEyePlausi
     if any(certain for _, _, certain in early):
         return HandEyePlausibility(tuple(early))
     return _with_camera(recording, detection, (views, flange, rows), early, progress)
+
+
+def inspect_target_poses(recording: Recording) -> HandEyePlausibility:
+    """Test flange poses and measured poses of a target; empty where there are too few."""
+    from sensors.hand_eye.checks.target_review import review_target_poses
+    from sensors.hand_eye.target_poses import TargetPoses
+
+    if recording.n < _FEWEST:
+        return HandEyePlausibility(())
+    names = [f"sample {number:g}" for number in recording.sample_ids]
+    try:
+        kind = stated_kind(recording)
+        poses = TargetPoses(flange_poses(recording), target_poses(recording), kind, names)
+    except InputError as problem:
+        return HandEyePlausibility(((str(problem).rstrip("."), "correct the recording", True),))
+    review = review_target_poses(poses.flange, poses.data, kind, names)
+    found = [*_rotations(poses.flange, kind), *_outliers(review, names)]
+    return HandEyePlausibility((*found, *(_finding(finding) for finding in review.findings)))
 
 
 def _kind(recording: Recording) -> str:

@@ -13,7 +13,11 @@ from workbench.recordings.inspection.coverage import (
     coverage_of,
     image_coverage,
 )
-from workbench.recordings.inspection.hand_eye import HandEyePlausibility, inspect_hand_eye
+from workbench.recordings.inspection.hand_eye import (
+    HandEyePlausibility,
+    inspect_hand_eye,
+    inspect_target_poses,
+)
 from workbench.recordings.inspection.needs import (
     Need,
     needs_of,
@@ -39,6 +43,8 @@ class Inspection:
     @property
     def job(self) -> str:
         """The command that the recording is meant for."""
+        if self.recording.measures == "target-pose":
+            return "handeye"
         if self.recording.measures == "board-images" and self._has_poses:
             return "handeye"
         if not self.coverage.joints and self.coverage.flange is not None:
@@ -114,11 +120,14 @@ def inspect_recording(
     coverage = coverage_of(recording)
     is_images = KINDS[recording.measures].images
     nothing = Repeats(0, 0, np.nan, np.nan, np.empty((3, 0)))
-    repeats = nothing if is_images else repeats_of(recording)
+    is_target = recording.measures == "target-pose"
+    repeats = nothing if is_images or is_target else repeats_of(recording)
     images = image_coverage(recording, progress) if is_images else None
     hand_eye = HandEyePlausibility(())
     if recording.measures == "board-images" and images is not None and images.detection:
         hand_eye = inspect_hand_eye(recording, images.detection, progress)
+    elif is_target:
+        hand_eye = inspect_target_poses(recording)
     needs = needs_of(recording, coverage, repeats, images)
     progress("looking for implausible rows")
     wrong = [*sample_needs(recording), *plausibility_needs(hand_eye)]

@@ -78,7 +78,9 @@ def needs_of(
 ) -> tuple[Need, ...]:
     """All needs, those that a command cannot do without first."""
     found: list[Need] = []
-    if KINDS[recording.measures].images:
+    if recording.measures == "target-pose":
+        found += _target_needs(recording, coverage)
+    elif KINDS[recording.measures].images:
         found += _image_needs(recording, images)
         found += _hand_eye_needs(recording, coverage)
     else:
@@ -121,7 +123,9 @@ def coverage_needs(recording: Recording) -> tuple[Need, ...]:
     Raises InputError where its robot cannot be loaded.
     """
     coverage = coverage_of(recording)
-    if not KINDS[recording.measures].images:
+    if recording.measures == "target-pose":
+        found = _target_needs(recording, coverage)
+    elif not KINDS[recording.measures].images:
         found = _pose_needs(recording, coverage) if coverage.joints else ()
     else:
         found = _hand_eye_needs(recording, coverage) if coverage.flange is not None else ()
@@ -292,6 +296,19 @@ def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
         yield Need("scan", True, "no images of scans (role scan)", "add a scan")
 
 
+def _target_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
+    if recording.n < _FEW_IMAGES:
+        what = f"{recording.n} poses of the target"
+        yield Need("handeye", recording.n < _HAND_EYE, what, f"measure {_FEW_IMAGES} poses or more")
+    if coverage.spread_deg < _SMALL_SPREAD_DEG:
+        yield _small_rotations(coverage)
+
+
+def _small_rotations(coverage: Coverage) -> Need:
+    what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
+    return Need("handeye", False, what, "rotate the flange by 30 deg and more about different axes")
+
+
 def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     if recording.measures != "board-images":
         return
@@ -304,7 +321,4 @@ def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
             "handeye", True, f"{linked} images have a pose", f"add poses for {_FEW_IMAGES} images"
         )
     elif coverage.spread_deg < _SMALL_SPREAD_DEG:
-        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
-        yield Need(
-            "handeye", False, what, "rotate the flange by 30 deg and more about different axes"
-        )
+        yield _small_rotations(coverage)

@@ -9,6 +9,7 @@ _ROWS = {
     "external-point": "one reflector on the flange in the frame of the tracker; the column reflector says which",
     "external-pose": "origin and unit quaternion of the target on the flange in the frame of the tracker",
     "partial-pose": "origin and x axis (unit vector nx ny nz) of the target on the flange, tracker frame",
+    "target-pose": "flange pose, and pose of the marker in the frame of the camera (origin, unit quaternion)",
     "touch-point": "the tip touches the fixed point `point`; nothing is measured but the joints",
     "laser-spot": "the beam of the laser on the flange passes through point `point` of sphere `sphere`",
     "distance": "one end of a measured length: two rows of one `pair` with the same length_mm",
@@ -18,6 +19,7 @@ _ROWS = {
     "scan-images": "the joint readings of the scan with the same number in images.csv",
 }
 _NEXT = {
+    "target-pose": "`workbench handeye DIR`",
     "board-images": "`workbench camera DIR` and `workbench handeye DIR`",
     "scan-images": "`workbench scanner DIR` and `workbench calibrate DIR`",
     "fixed-plane": "`workbench handeye DIR` and `workbench scan DIR`",

@@ -8,9 +8,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from datasets.columns import FLANGE, POINT, QUATERNION
 from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.core.errors import InputError
+from workbench.core.rigid import inverse, transform
 from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.templates.contact import (
     TrueArm,
@@ -21,6 +23,7 @@ from workbench.recordings.templates.contact import (
 
 _SEED = 1
 _SIGMA_MM, _EXACT_MM = 0.02, 1e-6
+_SIGMA_RAD = 1e-3
 _EXTERNAL = """
 robot = "robot.toml"
 measures = "{measures}"
@@ -118,6 +121,33 @@ def ball_surface(robot: Mapping) -> Recording:
     columns |= {"pose": columns["sample"] + 1, "sample": np.arange(1.0, len(points) + 1)}
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), points.T))
     return replace(recording, measures="ball-surface", columns=columns, sigma_mm=_SIGMA_MM)
+
+
+def target_pose(robot: Mapping) -> Recording:
+    """20 poses of a marker that stands still, in the frame of a camera on the flange; no robot is needed."""
+    rng = np.random.default_rng(_SEED)
+    count = 20
+    views = Rotation.from_rotvec(rng.normal(0.0, 0.35, (count, 3)))
+    distance = np.stack([*rng.normal(0.0, 40.0, (2, count)), rng.uniform(300.0, 600.0, count)], 1)
+    seen = transform(views.as_matrix(), distance)
+    looking_down = Rotation.from_euler("x", 180.0, degrees=True).as_matrix()
+    marker = transform(looking_down, np.array([700.0, 100.0, 50.0]))
+    on_flange = Rotation.from_euler("xyz", [5.0, -4.0, 30.0], degrees=True).as_matrix()
+    camera = transform(on_flange, np.array([30.0, -20.0, 60.0]))
+    flange = marker @ inverse(seen) @ inverse(camera)
+    noise = Rotation.from_rotvec(rng.normal(0.0, _SIGMA_RAD, (count, 3))).as_matrix()
+    measured = transform(noise @ seen[:, :3, :3], seen[:, :3, 3] + rng.normal(0.0, 0.1, (count, 3)))
+    columns = {"sample": np.arange(1.0, count + 1)}
+    columns |= _columns_of(FLANGE, flange) | _columns_of((*POINT, *QUATERNION), measured)
+    columns["fixed_to"] = np.full(count, "base")
+    return Recording("target-pose", columns, {}, "example")
+
+
+def _columns_of(names, poses: np.ndarray) -> dict[str, np.ndarray]:
+    """Position and unit quaternion of poses (n, 4, 4) under their seven names."""
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)
+    cells = np.column_stack([poses[:, :3, 3], np.roll(quaternions, 1, axis=1)])
+    return {name: _rounded(name[-2:], column) for name, column in zip(names, cells.T)}
 
 
 def touch_point(robot: Mapping) -> Recording:
@@ -235,6 +265,7 @@ EXAMPLES = {
     "external-point": external_point,
     "external-pose": external_pose,
     "partial-pose": partial_pose,
+    "target-pose": target_pose,
     "touch-point": touch_point,
     "laser-spot": laser_spot,
     "distance": distance,

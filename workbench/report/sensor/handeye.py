@@ -72,7 +72,7 @@ def page(run: HandEyeRun) -> Page:
     return Page(
         f"Hand-eye calibration · {where[hand_eye.kind]}",
         run.recording.title or run.recording.name,
-        tuple(_numbers(hand_eye)),
+        tuple(_numbers(run)),
         tuple(lead(run)),
         sections,
         warning=_warning(run),
@@ -90,7 +90,13 @@ def _warning(run):
     )
 
 
-def _numbers(hand_eye):
+def _numbers(run):
+    hand_eye = run.made
+    if run.is_of_target_poses:
+        yield "target scatter, held out", rounded(hand_eye.held_out["origin_mm"]), "mm"
+        yield "rotation scatter, held out", rounded(hand_eye.held_out["turn_deg"]), "deg"
+        yield "target scatter, fit", rounded(hand_eye.fit["origin_mm"]), "mm"
+        return
     if "origin_mm" in hand_eye.held_out:
         yield "board scatter, held out", rounded(hand_eye.held_out["origin_mm"]), "mm"
         yield "rotation scatter, held out", rounded(hand_eye.held_out["turn_deg"]), "deg"
@@ -115,18 +121,37 @@ def lead(run: HandEyeRun) -> list[str]:
     hand_eye = run.made
     poses = counted(len(run.flange), "pose")
     what = (
-        "scatter of the estimated pose of the stationary board"
+        f"scatter of the estimated pose of the {_target(run)}"
         if hand_eye.radius is None
         else "scatter of the measured ball centres in the base frame"
         if hand_eye.kind == "clouds"
         else "distance of the profile points from the common sphere"
     )
     spread = robot_sigma(run)
+    if run.is_of_target_poses and None not in spread.values():
+        return [_held_out_sentence(what, poses), _target_sentence(spread)]
     robot = _NOT_DETERMINED if None in spread.values() else _flange_sentence(spread)
-    return [
-        f"{what.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only.",
-        robot,
-    ]
+    return [_held_out_sentence(what, poses), robot]
+
+
+def _held_out_sentence(what: str, poses: str) -> str:
+    return f"{what.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only."
+
+
+def _target(run: HandEyeRun) -> str:
+    if run.is_of_target_poses:
+        return "target on the flange" if run.made.kind == TO_HAND else "stationary target"
+    return "stationary board"
+
+
+def _target_sentence(spread) -> str:
+    """RMS errors of measured poses whose share of the flange and of the camera is not separable."""
+    place, rotation = np.sqrt(3) * spread["position_mm"], np.sqrt(3) * spread["rotation_deg"]
+    return (
+        f"Flange poses and measured poses of the target together have estimated RMS errors of {rounded(place)} mm (3-D "
+        f"position of the target) and {rounded(rotation)} deg (angle of its rotation); the stated uncertainty of the "
+        "transform accounts for them."
+    )
 
 
 def _of_radius(spread) -> str:
@@ -138,6 +163,9 @@ def _of_radius(spread) -> str:
 
 def _poses(run):
     hand_eye = run.made
+    if run.is_of_target_poses:
+        yield from _target_poses(run)
+        return
     yield figure(
         "perpose",
         _bars(run),
@@ -180,6 +208,24 @@ def _poses(run):
         )
 
 
+def _target_poses(run):
+    """Errors of the measured poses of a target, in position and rotation."""
+    yield figure(
+        "perpose",
+        _bars(run),
+        "Distance of the measured position of the target from its adjusted position (mm); held out: predicted from the "
+        "other poses. Orange: excluded as an outlier.",
+    )
+    rows = [
+        (name, rounded(row.residual), rounded(row.held_out), rounded(row.rotation_deg))
+        for name, row in zip(run.names, run.made.poses)
+    ]
+    yield table(["pose", "position (mm)", "position, held out (mm)", "rotation (deg)"], rows)
+    outliers = [sentence(f"{n}: {row.why}") for n, row in zip(run.names, run.made.poses) if row.why]
+    if outliers:
+        yield note("Excluded poses", outliers)
+
+
 def _bars(run) -> go.Figure:
     rows = run.made.poses
     place = np.arange(1, len(run.made.poses) + 1)
@@ -208,8 +254,10 @@ def _bars(run) -> go.Figure:
 def _errors(run):
     hand_eye = run.made
     keys = [key for key in hand_eye.fit if key in _WORDS]
+    words_of = {key: text.replace("board", "target") for key, text in _WORDS.items()}
+    words_of = words_of if run.is_of_target_poses else _WORDS
     rows = [
-        (_WORDS[key], rounded(hand_eye.fit[key]), rounded(hand_eye.held_out.get(key)))
+        (words_of[key], rounded(hand_eye.fit[key]), rounded(hand_eye.held_out.get(key)))
         for key in keys
     ]
     yield table(["", "fit", "held out"], rows)
@@ -234,7 +282,10 @@ def _gathered(notes) -> list[str]:
 
 def _space(run):
     yield words(
-        "Flange and sensor of every pose in the base frame of the arm; a pyramid shows the field of view of the camera."
+        "Flange, camera and target of every pose in the base frame of the arm."
+        if run.is_of_target_poses
+        else "Flange and sensor of every pose in the base frame of the arm; a pyramid shows the field of view of the "
+        "camera."
         if run.made.radius is None
         else "Flange and profiler of every pose, and the sphere, in the base frame of the arm."
     )
@@ -259,6 +310,10 @@ def scene(run: HandEyeRun) -> go.Figure:
         space.lines(figure, space.moved(sensors, shape), "camera and its field", style.BLUE, 2)
         board = run.board.points[:, [0, run.board.columns - 1, -1, -run.board.columns, 0]].T
         space.lines(figure, space.moved(boards, board), "board", style.ORANGE, 4)
+    elif run.is_of_target_poses:
+        space.points(figure, sensors[:, :3, 3].T, "camera", size=4, color=style.BLUE)
+        axes = 0.1 * span * np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]])
+        space.lines(figure, space.moved(boards, axes), "target, x and y axis", style.ORANGE, 4)
     else:
         space.points(figure, sensors[:, :3, 3].T, "profiler", size=4, color=style.BLUE)
         space.ball(figure, hand_eye.centre, hand_eye.radius, "ball")

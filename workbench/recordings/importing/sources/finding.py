@@ -18,6 +18,7 @@ from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions
 from workbench.recordings.importing.sources.header_problems import header_error
 from workbench.recordings.importing.sources.timed_join import TimedJoin
+from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,10 @@ def find_mapping(
         return Found(source, None, mapping, (), warnings)
     source = replace(source, tables=tuple(_with_time(table, mapping) for table in source.tables))
     is_plain = not source.images and not source.clouds
+    if is_plain and _may_be_target_poses(options):
+        pair = two_pose_sets(source.tables, mapping)
+        if pair is not None:
+            return Found(source, *pair, (), (*warnings, *pair[0].warnings))
     if source.images:
         source, said = joined_image_sessions(source)
         warnings = (*warnings, *said)
@@ -85,6 +90,12 @@ def find_mapping(
     found = _found_in(source, source.tables, options)
     refuse_counts(found.table, found.mapping)
     return replace(found, warnings=(*warnings, *found.warnings))
+
+
+def _may_be_target_poses(options) -> bool:
+    """Whether the user says nothing that speaks against flange poses and target poses."""
+    named = options.robot or options.mapping.robot or options.ball_radius_mm or options.board
+    return not named and options.mapping.measures in (None, "target-pose")
 
 
 def _found_in(source: Source, tables: Sequence[RawTable], options) -> Found:

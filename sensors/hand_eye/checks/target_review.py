@@ -1,0 +1,112 @@
+"""Do flange poses and measured poses of a target fit each other, and if not, which single mistake explains it?
+
+The tests of images of a board (`review`), with the mistakes that are made in the poses of the target as well. What the
+poses of the target scatter by alone is not known, so that only a scatter above that of a plausible arm is explained.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from sensors.hand_eye.checks.alternatives import Alternative
+from sensors.hand_eye.checks.corner_noise import CornerNoise
+from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
+from sensors.hand_eye.checks.mistakes import pose_readings
+from sensors.hand_eye.checks.outlier_message import outlier_sentence
+from sensors.hand_eye.checks.pose_data import PoseData
+from sensors.hand_eye.checks.pose_fit import fit_poses, robust_starts, rough_misfit
+from sensors.hand_eye.checks.review import Finding, Named, Review, review
+from workbench.core.rigid import inverse, transform
+
+_UNKNOWN_NOISE = CornerNoise(0.0, 0, 0.0, 0.0, 0.0)
+_REFINED = 3
+_WORDS = (
+    ("check the pose and the image of these rows", "check both poses of these rows"),
+    ("the column sample of images.csv", "the order of the rows"),
+    ("do not fit the images", "do not fit the measured poses of the target"),
+    ("take the images again", "measure again"),
+    ("the squares of the board look", "the target looks"),
+    ("square_mm under [board]", "the size of the target in the program that measured it"),
+    ("the board's square", "the size of the target"),
+    ("the board", "the target"),
+    ("images", "rows"),
+    ("an image", "a row"),
+    ("image", "row"),
+)
+"""Words of the tests of images, and those of tables of poses."""
+
+
+def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: list[str]) -> Review:
+    """Compare flange poses (P, 4, 4) with the poses of the target in `data`; names (P,) of the rows."""
+    named = Named(names, kind)
+    found = review(
+        data,
+        _UNKNOWN_NOISE,
+        named,
+        pose_readings(flange),
+        robust_starts(data),
+        _target_alternatives,
+    )
+    is_doubtful = bool(found.findings or found.outliers)
+    rotated = half_turned_rows(data) if is_doubtful else None
+    if rotated is not None and rotated.any():
+        finding = Finding("half-turn", half_turn_sentence(rotated, names), True)
+        return replace(found, findings=(finding,), outliers=())
+    findings = tuple(
+        replace(finding, sentence=_in_words_of_tables(finding.sentence))
+        for finding in found.findings
+    )
+    return replace(found, findings=findings)
+
+
+def target_outlier_sentence(found: Review, names: list[str]) -> str | None:
+    """A sentence on rows with gross errors; None where there are none."""
+    sentence = outlier_sentence(found, names)
+    return None if sentence is None else _in_words_of_tables(sentence)
+
+
+def _in_words_of_tables(sentence: str) -> str:
+    for of_images, of_tables in _WORDS:
+        sentence = sentence.replace(of_images, of_tables)
+    return sentence
+
+
+def _target_alternatives(data: PoseData) -> list[Alternative]:
+    """Mistakes in the poses of the target, the closest fitted, the others counted."""
+    tried = [
+        (replace(data, seen=seen[None]), cause, seems, do)
+        for cause, seems, do, seen in _readings(data.seen[0])
+    ]
+    tried.sort(key=lambda row: rough_misfit(row[0]))
+    found = []
+    for place, (other, cause, seems, do) in enumerate(tried):
+        misfit = fit_poses(other).trimmed_rms if place < _REFINED else np.inf
+        found.append(Alternative(cause, seems, do, misfit))
+    return found
+
+
+def _readings(seen) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Cause, words, advice and the poses of the target (P, 4, 4) with one mistake undone."""
+    from scipy.spatial.transform import Rotation
+
+    yield (
+        "target-inverse",
+        "the poses of the target look inverted, T_target_sensor given for T_sensor_target",
+        "write T_sensor_target",
+        inverse(seen),
+    )
+    rotation, place = seen[:, :3, :3], seen[:, :3, 3]
+    yield (
+        "target-inverse-rotation",
+        "the rotations of the target look inverted, and the positions do not",
+        "transpose the rotation, or negate qx, qy and qz",
+        transform(rotation.transpose(0, 2, 1), place),
+    )
+    recorded = Rotation.from_matrix(rotation).as_quat()
+    for order, words in (
+        ([3, 0, 1, 2], "qw … qz of the target look written in the order x, y, z, w"),
+        ([1, 2, 3, 0], "qw … qz of the target look written with the scalar part in qx"),
+    ):
+        true = Rotation.from_quat(recorded[:, order]).as_matrix()
+        yield "target-quaternion", words, "write the scalar part first", transform(true, place)

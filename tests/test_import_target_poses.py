@@ -1,0 +1,173 @@
+"""Import of flange poses and target poses: layouts, units, rotation conventions, place of the camera."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from target_scenes import euler_deg, quaternions, rotation_vectors, target_scene
+from workbench.core.errors import InputError
+from workbench.core.rigid import inverse
+from workbench.jobs.sensor.hand_eye import calibrate
+from workbench.recordings.importing import ImportOptions, import_recording
+
+METRES = np.array([[1, 1, 1, 1000]] * 3 + [[1, 1, 1, 1]])
+
+
+def _write(path: Path, cells, header="", separator=","):
+    np.savetxt(path, cells, fmt="%.7f", delimiter=separator, header=header, comments="")
+    return path
+
+
+def _made(paths, tmp_path, **options):
+    return import_recording(paths, tmp_path / "made", ImportOptions(**options))
+
+
+def _check(paths, sensor, tmp_path, kind="in-hand"):
+    recording = _made(paths, tmp_path).recording
+    assert recording.measures == "target-pose"
+    run = calibrate(recording, None, None, lambda text: None)
+    assert run.made.kind == kind
+    error = np.linalg.norm(run.made.sensor[:3, 3] - sensor[:3, 3])
+    assert error < 5 * np.sqrt(np.trace(run.made.covariance[:3, :3]))
+
+
+def test_two_tables_without_headers(tmp_path):
+    flange, seen, sensor = target_scene(1)
+    first = _write(tmp_path / "robot.csv", np.c_[flange[:, :3, 3], euler_deg(flange, "ZYX")])
+    rotations = rotation_vectors(seen)
+    second = _write(tmp_path / "camera.csv", np.c_[rotations, seen[:, :3, 3] / 1000])
+    _check([second, first], sensor, tmp_path)
+
+
+def test_one_table_without_headers_and_with_row_numbers(tmp_path):
+    flange, seen, sensor = target_scene(2)
+    cells = (np.arange(14), flange[:, :3, 3], rotation_vectors(flange), seen[:, :3, 3])
+    path = _write(tmp_path / "poses.csv", np.c_[(*cells, euler_deg(seen, "xyz"))], separator=";")
+    _check([path], sensor, tmp_path)
+
+
+def test_matrices_below_each_other(tmp_path):
+    flange, seen, sensor = target_scene(3)
+    first = _write(tmp_path / "gripper.txt", (flange / METRES).reshape(-1, 4), separator=" ")
+    second = _write(tmp_path / "board.txt", (seen / METRES).reshape(-1, 4), separator=" ")
+    _check([first, second], sensor, tmp_path)
+
+
+def test_records_of_moveit(tmp_path):
+    flange, seen, sensor = target_scene(4)
+    records = [
+        {"effector_wrt_world": one.ravel().tolist(), "object_wrt_sensor": other.ravel().tolist()}
+        for one, other in zip(flange / METRES, seen / METRES)
+    ]
+    path = tmp_path / "samples.yaml"
+    path.write_text(yaml.safe_dump(records), encoding="utf-8")
+    _check([path], sensor, tmp_path)
+
+
+def test_transforms_of_ros_in_json(tmp_path):
+    flange, seen, sensor = target_scene(5)
+
+    def transforms(poses):
+        for place, quaternion in zip(poses[:, :3, 3] / 1000, quaternions(poses)):
+            yield {
+                "translation": dict(zip("xyz", place.tolist())),
+                "rotation": dict(zip("xyzw", quaternion.tolist())),
+            }
+
+    records = [
+        {"robot": one, "optical": other} for one, other in zip(transforms(flange), transforms(seen))
+    ]
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps(records), encoding="utf-8")
+    _check([path], sensor, tmp_path)
+
+
+def test_arrays_by_the_names_of_opencv(tmp_path):
+    flange, seen, sensor = target_scene(6)
+    np.savez(
+        tmp_path / "poses.npz",
+        R_gripper2base=flange[:, :3, :3],
+        R_target2cam=seen[:, :3, :3],
+        t_gripper2base=flange[:, :3, 3],
+        t_target2cam=seen[:, :3, 3],
+    )
+    _check([tmp_path / "poses.npz"], sensor, tmp_path)
+
+
+def test_two_series_of_pose_files_of_visp(tmp_path):
+    flange, seen, sensor = target_scene(7)
+    folder = tmp_path / "poses"
+    folder.mkdir()
+    for name, poses in (("rPe", flange), ("cPo", seen)):
+        for number, cells in enumerate(np.c_[poses[:, :3, 3] / 1000, rotation_vectors(poses)], 1):
+            lines = "".join(f"  - [{cell:.9f}]\n" for cell in cells)
+            path = folder / f"pose_{name}_{number}.yaml"
+            path.write_text(f"rows: 6\ncols: 1\ndata:\n{lines}", encoding="utf-8")
+    _check([folder], sensor, tmp_path)
+
+
+def test_two_tables_with_the_same_headers(tmp_path):
+    flange, seen, sensor = target_scene(8)
+    header = "x,y,z,qx,qy,qz,qw"
+    paths = [
+        _write(tmp_path / f"{name}.csv", np.c_[poses[:, :3, 3] / 1000, quaternions(poses)], header)
+        for name, poses in (("marker", seen), ("robot", flange))
+    ]
+    _check(paths, sensor, tmp_path)
+
+
+def test_a_stationary_camera_is_recognised(tmp_path):
+    flange, seen, sensor = target_scene(9, kind="to-hand")
+    header = "flange_x,flange_y,flange_z,flange_rx,flange_ry,flange_rz,tag_x,tag_y,tag_z,tag_qx,tag_qy,tag_qz,tag_qw"
+    cells = np.c_[
+        flange[:, :3, 3], euler_deg(flange, "xyz"), seen[:, :3, 3] / 1000, quaternions(seen)
+    ]
+    path = _write(tmp_path / "poses.csv", cells, header)
+    _check([path], sensor, tmp_path, "to-hand")
+
+
+def test_inverted_poses_of_the_target_are_recognised(tmp_path):
+    flange, seen, sensor = target_scene(10)
+    back = inverse(seen)
+    first = _write(tmp_path / "robot.csv", np.c_[flange[:, :3, 3], euler_deg(flange, "ZYZ")])
+    second = _write(tmp_path / "board.csv", np.c_[back[:, :3, 3], quaternions(back)])
+    _check([first, second], sensor, tmp_path)
+
+
+def test_the_mapping_of_an_import_repeats_it(tmp_path):
+    from datasets.importers.mapping.model import read_mapping
+
+    flange, seen, _ = target_scene(11)
+    paths = [
+        _write(tmp_path / f"{name}.csv", np.c_[poses[:, :3, 3], quaternions(poses)])
+        for name, poses in (("robot", flange), ("camera", seen))
+    ]
+    first = _made(paths, tmp_path)
+    mapping = read_mapping(tmp_path / "made" / "import.toml")
+    again = import_recording(paths, tmp_path / "again", ImportOptions(mapping=mapping))
+    assert np.array_equal(first.recording.points, again.recording.points)
+
+
+def test_poses_that_do_not_belong_together_are_refused(tmp_path):
+    flange, seen, _ = target_scene(12)
+    turned = Rotation.random(14, random_state=3).as_quat()
+    first = _write(tmp_path / "robot.csv", np.c_[flange[:, :3, 3], quaternions(flange)])
+    second = _write(tmp_path / "camera.csv", np.c_[seen[:, :3, 3], turned])
+    with pytest.raises(
+        InputError, match="found none under any reading.*rotate by different angles"
+    ):
+        _made([first, second], tmp_path)
+
+
+def test_a_wrong_row_is_named(tmp_path):
+    flange, seen, _ = target_scene(13)
+    seen[6, :3, 3] += [0, 40.0, 0]
+    first = _write(tmp_path / "robot.csv", np.c_[flange[:, :3, 3], quaternions(flange)])
+    second = _write(tmp_path / "camera.csv", np.c_[seen[:, :3, 3], quaternions(seen)])
+    doubts = _made([first, second], tmp_path).doubts
+    assert len(doubts) == 1
+    assert "row 7 " in doubts[0]

@@ -1,0 +1,218 @@
+"""Two sets of poses in tables whose headers do not say so: which columns are positions and rotations, of which set.
+
+A set is 6 numbers (position and three angles, in either order), 7 (position and quaternion), or 12 or 16 (a matrix).
+The two sets stand in one table, side by side, or in two tables with the same rows.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.errors import InputError
+from datasets.importers.mapping.model import Group, Mapping
+from datasets.importers.mapping.proposal import propose
+from datasets.importers.source import RawTable
+from datasets.importers.sources.arrays import pose_columns as array_columns
+from workbench.recordings.importing.target_poses.readings import angle_misfit
+
+_COMPONENT = re.compile(r"(.*?)[ _.\-]*(?:r[123][123]|t?[xyz]|q?[xyzw]|\d+|\[\d+\])$", re.I)
+_PART = re.compile(
+    r"^(?:r|t|rot|rotation|rmat|rvec|tvec|trans|translation|pos|position)[ _]+", re.I
+)
+_FLANGE_WORDS = re.compile(
+    r"gripper|flange|hand(?!eye)|robot|tcp|effector|\bee|arm|rpe|bmh|wpe|base", re.I
+)
+_TARGET_WORDS = re.compile(
+    r"target|board|marker|tag|cam|object|chess|pattern|cpo|optical|sensor|aruco|charuco|tracking|eye",
+    re.I,
+)
+_ROTATION_FIRST = (3, 4, 5, 6, 7, 8, 9, 10, 11)
+_OF_MATRIX = ((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
+_AFTER_MATRIX = ((9, 10, 11), (0, 1, 2, 3, 4, 5, 6, 7, 8))
+_UNIT_LENGTH = 0.02
+_ORTHOGONAL = 0.02
+_WIDTHS = (6, 7, 12, 16)
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class _PoseSet:
+    """Columns of one set of poses in a table; `words`: what its headers and its file are called. `stated`: groups of
+    position and rotation where the headers name them."""
+
+    table: RawTable
+    columns: tuple[str, ...]
+    words: str
+    stated: tuple[Group, Group] | None = None
+
+
+def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTable, Mapping] | None:
+    """One table of both sets and its mapping, with flange poses and target poses; None for any other tables.
+
+    mapping: the user's, which may name the columns of the joined table.
+    """
+    if not 0 < len(tables) <= 2 or mapping.joints is not None:
+        return None
+    tables = [_with_whole_matrices(table) for table in tables]
+    sets = [one for table in tables for one in _sets_of(table, len(tables))]
+    if len(sets) != 2 or sets[0].table.n != sets[1].table.n or sets[0].table.n < _FEWEST:
+        return None
+    if _is_target(sets[0]) > _is_target(sets[1]):
+        sets = sets[::-1]
+    joined, sets = _joined(sets)
+    if mapping.flange_point is not None:
+        return (joined, mapping) if _names(mapping) <= set(joined.columns) else None
+    chosen = _best_layouts(joined, sets)
+    if chosen is None:
+        return None
+    flange, target = chosen
+    proposed = Mapping(
+        measures="target-pose",
+        flange_point=flange[0],
+        flange_rotation=flange[1],
+        point=target[0],
+        rotation=target[1],
+    )
+    return joined, mapping.merged(proposed)
+
+
+def _with_whole_matrices(table: RawTable) -> RawTable:
+    """A table of 4 x 4 matrices with four rows each as one with a row for each matrix; other tables as they are."""
+    cells = [cells for cells in table.columns.values() if cells.dtype.kind == "f"]
+    if len(cells) != 4 or len(table.columns) != 4 or table.n % 4:
+        return table
+    matrices = np.stack(cells, axis=1).reshape(-1, 4, 4)
+    if not (matrices[:, 3] == [0, 0, 0, 1]).all():
+        return table
+    columns = array_columns(table.stem, matrices)
+    return replace(table, columns=columns, lines=table.lines[::4])
+
+
+def _names(mapping: Mapping) -> set[str]:
+    groups = (mapping.flange_point, mapping.flange_rotation, mapping.point, mapping.rotation)
+    return {name for group in groups if group is not None for name in group.columns}
+
+
+def _is_target(one: _PoseSet) -> int:
+    """Positive for words of a target or camera, negative for those of a robot."""
+    return len(_TARGET_WORDS.findall(one.words)) - len(_FLANGE_WORDS.findall(one.words))
+
+
+def _sets_of(table: RawTable, tables: int) -> list[_PoseSet]:
+    """The sets of poses of a table, by its headers, by the names of arrays, or by the order of its columns."""
+    numeric = [name for name, cells in table.columns.items() if cells.dtype.kind == "f"]
+    named = _named_set(table) if tables == 2 else []
+    if named:
+        return named
+    groups: dict[str, list[str]] = {}
+    for name in numeric:
+        match = _COMPONENT.match(name)
+        base = _PART.sub("", match[1] if match else name)
+        groups.setdefault(base, []).append(name)
+    by_name = [(base, names) for base, names in groups.items() if len(names) in _WIDTHS]
+    wanted = 2 // tables
+    if len(by_name) == wanted and all(base not in ("", "column", "pose") for base, _ in by_name):
+        return [_PoseSet(table, tuple(names), f"{base} {table.stem}") for base, names in by_name]
+    return _by_order(table, numeric, wanted)
+
+
+def _named_set(table: RawTable) -> list[_PoseSet]:
+    """The set whose position and rotation the headers name; raises nothing where they do not."""
+    try:
+        found = propose(table, has_images=True).mapping
+    except InputError:
+        return []
+    if found.joints is not None or None in (found.flange_point, found.flange_rotation):
+        return []
+    groups = (found.flange_point, found.flange_rotation)
+    columns = (*groups[0].columns, *groups[1].columns)
+    return [_PoseSet(table, columns, f"{' '.join(columns)} {table.stem}", groups)]
+
+
+def _by_order(table: RawTable, numeric: Sequence[str], wanted: int) -> list[_PoseSet]:
+    """Sets of equally many columns, after a column that numbers the rows where there is one."""
+    for start in (0, 1):
+        width, rest = divmod(len(numeric) - start, wanted)
+        is_counted = not start or _counts(table.columns[numeric[0]])
+        if rest or width not in _WIDTHS or not is_counted:
+            continue
+        parts = [tuple(numeric[start + k * width : start + (k + 1) * width]) for k in range(wanted)]
+        sets = [_PoseSet(table, part, f"{part[0]} {table.stem}") for part in parts]
+        if all(any(_layouts(one.table, one.columns)) for one in sets):
+            return sets
+    return []
+
+
+def _counts(cells: np.ndarray) -> bool:
+    """Whether cells are whole numbers that grow from row to row."""
+    return bool((cells == np.round(cells)).all() and (np.diff(cells) > 0).all())
+
+
+def _layouts(table: RawTable, columns: Sequence[str]) -> Iterator[tuple[Group, Group]]:
+    """Groups of position and rotation that the columns of one set may be."""
+    cells = np.stack([table.columns[name] for name in columns], axis=1)
+    if not np.isfinite(cells).all():
+        return
+    for position, rotation in _orders(cells):
+        yield tuple(Group(tuple(columns[k] for k in places)) for places in (position, rotation))
+
+
+def _orders(cells: np.ndarray) -> Iterator[tuple[Sequence[int], Sequence[int]]]:
+    width = cells.shape[1]
+    if width == 6:
+        yield (0, 1, 2), (3, 4, 5)
+        yield (3, 4, 5), (0, 1, 2)
+    if width == 7:
+        for position, rotation in (((0, 1, 2), (3, 4, 5, 6)), ((4, 5, 6), (0, 1, 2, 3))):
+            lengths = np.linalg.norm(cells[:, rotation], axis=1)
+            if np.abs(lengths - 1).max() < _UNIT_LENGTH:
+                yield position, rotation
+    if width in (12, 16):
+        for position, rotation in (_OF_MATRIX, _AFTER_MATRIX, ((0, 1, 2), _ROTATION_FIRST)):
+            if _is_rotation(cells[:, rotation].reshape(-1, 3, 3)):
+                yield position, rotation
+
+
+def _is_rotation(matrices: np.ndarray) -> bool:
+    product = matrices @ matrices.transpose(0, 2, 1)
+    return bool(np.abs(product - np.eye(3)).max() < _ORTHOGONAL)
+
+
+def _joined(sets: Sequence[_PoseSet]) -> tuple[RawTable, list[_PoseSet]]:
+    """Both sets in one table; columns whose names clash get the name of their file in front."""
+    first, second = sets[0].table, sets[1].table
+    if first is second:
+        return first, list(sets)
+    columns, units, conventions, renamed = {}, {}, {}, []
+    clash = set(first.columns) & set(second.columns)
+    for one, other in ((sets[0], second), (sets[1], first)):
+        stem = one.table.stem if one.table.stem != other.stem else one.table.file
+        names = {name: f"{stem}: {name}" if name in clash else name for name in one.table.columns}
+        columns |= {names[name]: cells for name, cells in one.table.columns.items()}
+        units |= {names[name]: unit for name, unit in one.table.units.items()}
+        conventions |= {names[name]: word for name, word in one.table.conventions.items()}
+        stated = None
+        if one.stated is not None:
+            stated = tuple(
+                replace(group, columns=tuple(names[name] for name in group.columns))
+                for group in one.stated
+            )
+        taken = tuple(names[name] for name in one.columns)
+        renamed.append(replace(one, columns=taken, stated=stated))
+    file = f"{first.file} and {second.file}"
+    table = replace(first, file=file, columns=columns, units=units, conventions=conventions)
+    return table, [replace(one, table=table) for one in renamed]
+
+
+def _best_layouts(table: RawTable, sets: Sequence[_PoseSet]):
+    """Position and rotation of both sets under which flange and target rotate by the same angles."""
+    options = [
+        [one.stated] if one.stated is not None else list(_layouts(table, one.columns))
+        for one in sets
+    ]
+    pairs = [(flange, target) for flange in options[0] for target in options[1]]
+    if len(pairs) < 2:
+        return pairs[0] if pairs else None
+    return min(pairs, key=lambda pair: angle_misfit(table, pair[0][1], pair[1][1]))
