@@ -10,6 +10,7 @@ import numpy as np
 from sensors import images
 from sensors.boards import finders as board_finders
 from sensors.boards.board import LEAST, Board
+from sensors.boards.patches import DISC_LOG_BLUR, SADDLE_LOG_BLUR
 from sensors.images import Image
 from workbench.core.errors import InputError
 
@@ -34,6 +35,8 @@ class View:
     radius_mm: float = 0.0
     row: Mapping = field(default_factory=dict)
     note: str = ""
+    blur_px: float = float("nan")
+    """1 sigma of the Gaussian that blurs the edges of the board, median of its corners, px; nan where unknown."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,14 @@ def detect(
         radius,
         dict(row or {}),
         image.note,
+        _blur(fit, is_disc=radius > 0),
     )
+
+
+def _blur(fit, is_disc: bool) -> float:
+    """Median blur of the marks of a `patches.Fit`, px."""
+    logarithm = fit.values[fit.good, DISC_LOG_BLUR if is_disc else SADDLE_LOG_BLUR]
+    return float(np.exp(np.median(logarithm)))
 
 
 def detect_all(

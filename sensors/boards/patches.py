@@ -27,6 +27,10 @@ CHUNK = 4_000_000
 Model = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
+SADDLE_LOG_BLUR, DISC_LOG_BLUR = 4, 5
+"""Columns of `Fit.values` with the logarithm of the blur, px."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """n fitted marks: `centre` (2, n) px, `sigma` (n,) px of one coordinate, `values` (n, P), `good` (n,) bool."""

@@ -45,6 +45,10 @@ _POINTS = "of the points, as the errors of sensor and pose explain it"
 # noise and no imperfect lens.
 _POOR_PX, _POOR_SHARE = 1.0, 5e-4
 _WIDE_DEG = 85.0  # field of view from which a lens may be a fisheye
+_BLURRED_PX = (
+    2.0  # 1 sigma: twice what a lens in focus and the size of a pixel make of an edge, and more
+)
+_NAMED_IMAGES = 6
 _MAINLY = 0.95  # of the lack of fit
 _MODEL = "the model leaves out a part of what the images show"
 _INDEPENDENT = (
@@ -105,12 +109,14 @@ def camera_warnings(calibration) -> list[str]:
             *_unknown_focal_length(calibration),
             *_focal(calibration),
             *_shared(calibration),
+            *_blurred(calibration.views),
             *_lines(calibration.left_out_lines, "; they contradict all others and are left out"),
         ]
     return [
         f"{POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
         f"images are of one camera with fixed focus, and that the board is flat{_wide(calibration)}",
+        *_blurred(calibration.views),
         *_lines(calibration.displaced_lines),
     ]
 
@@ -236,6 +242,26 @@ def _focal(calibration) -> list[str]:
         else ""
     )
     return [f"{DOUBT_WORDS}: {focal.sentence}{other}"]
+
+
+def _blurred(views) -> list[str]:
+    """A warning on images whose edges are wider than those of a lens in focus."""
+    blurred = [view for view in views if view.blur_px > _BLURRED_PX]
+    if not blurred:
+        return []
+    widths = sorted(view.blur_px for view in blurred)
+    width = (
+        f"{widths[0]:.1f}"
+        if widths[-1] - widths[0] < 0.1
+        else f"{widths[0]:.1f} to {widths[-1]:.1f}"
+    )
+    names = ", ".join(view.image for view in blurred[:_NAMED_IMAGES])
+    more = ", ..." if len(blurred) > _NAMED_IMAGES else ""
+    return [
+        f"{len(blurred)} of {len(views)} images are blurred: 1 sigma of their edges is {width} px, a lens in focus has "
+        f"less than 1 px ({names}{more}). Their corners are less precise, and blur that is not symmetric displaces "
+        "them; focus the lens, close the aperture or expose for less time"
+    ]
 
 
 def _lines(lines, more: str = "") -> list[str]:

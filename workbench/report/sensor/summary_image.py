@@ -149,7 +149,7 @@ def scan(run) -> tuple[Panel, ...]:
 
 
 def handeye(run) -> tuple[Panel, ...]:
-    """Errors by pose, and the estimated errors of the flange poses."""
+    """Errors by pose, and the estimated errors of the flange poses, or of measured rotations of a target."""
     rows = run.made.poses
     unit = run.made.unit
     place = np.arange(1, len(rows) + 1)
@@ -163,12 +163,17 @@ def handeye(run) -> tuple[Panel, ...]:
         _label_poses(axes, run.names)
         style.legend_above(axes)
 
+    def rotated(axes):
+        axes.bar(place, [row.rotation_deg for row in rows], color=style.ORANGE)
+        axes.set(ylabel="deg", title="rotation error by pose")
+        _label_poses(axes, run.names)
+
     def moved(axes):
         axes.bar(place, [row.moved_mm for row in rows], color=style.ORANGE)
         axes.set(ylabel="mm", title="estimated errors of the flange poses")
         _label_poses(axes, run.names)
 
-    return errors, moved
+    return errors, rotated if run.is_of_target_poses else moved
 
 
 def _label_poses(axes, names) -> None:
