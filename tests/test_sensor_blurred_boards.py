@@ -7,6 +7,7 @@ import pytest
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, detect
 from sensors.images import blur
+from workbench.fitting.verdicts.sensor_verdict import _blurred
 from workbench.recordings.inspection.coverage import ImageCoverage
 from workbench.recordings.inspection.needs import _image_needs
 
@@ -39,6 +40,25 @@ def test_focus_and_motion_are_named():
     assert isinstance(out_of_focus, Rejected) and isinstance(in_motion, Rejected)
     assert out_of_focus.why.startswith("blurred: its sharpest edges are ")
     assert in_motion.why.startswith("blurred along one direction, as by motion: edges are up to 3")
+
+
+@pytest.mark.parametrize("wider", [0.0, 2.0, 4.0])
+def test_the_blur_of_a_board_that_is_found_is_measured(wider):
+    image = drawn() if not wider else cv2.GaussianBlur(drawn(), (0, 0), wider)
+    seen = detect(image, BOARD, "a.png")
+    # sharp edges were drawn with 0.7 px, and resampled by the rotation
+    assert seen.blur_px == pytest.approx(np.hypot(wider, 0.8), abs=0.15)
+
+
+def test_blurred_images_are_named_with_their_blur():
+    views = [
+        detect(cv2.GaussianBlur(drawn(), (0, 0), width), BOARD, f"{width:g}.png")
+        for width in (0.5, 3.0, 4.0)
+    ]
+    (said,) = _blurred(views)
+    assert said.startswith("2 of 3 images are blurred: 1 sigma of their edges is 3.")
+    assert "(3.png, 4.png)" in said
+    assert _blurred(views[:1]) == []
 
 
 def test_check_names_every_image_with_its_own_reason():

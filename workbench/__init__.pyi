@@ -160,7 +160,7 @@ def calibrate_large(
 
 def camera(
     recording: Recording | Path | str | None = None,
-    model: Literal["brown", "rational"] = "brown",
+    model: Literal["brown", "rational", "fisheye"] = "brown",
     out: Path | str | None = None,
     tolerance: Sequence[str] | str | None = None,
     no_report: bool = False,
@@ -171,7 +171,8 @@ def camera(
 
     Args:
         recording: Folder of a recording with images of a board, or a known name.
-        model: Distortion model: brown (k1 k2 p1 p2 k3) or rational (also k4 k5 k6).
+        model: Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6) or fisheye (k1 to
+            k4 of the angle).
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.

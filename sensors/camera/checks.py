@@ -120,6 +120,8 @@ def opencv_camera(chain: Corners) -> Camera:
     """cv2.calibrateCamera on the same corners, Brown or rational as the chain's camera."""
     import cv2
 
+    if chain.camera.is_fisheye:
+        return _opencv_fisheye(chain)
     groups = [chain.labels["placement"] == g for g in range(len(chain.poses))]
     points = [np.ascontiguousarray(chain.points[:, g].T, np.float32) for g in groups]
     pixels = [np.ascontiguousarray(chain.pixels[:, g].T, np.float32) for g in groups]
@@ -141,6 +143,28 @@ def opencv_camera(chain: Corners) -> Camera:
     )
 
 
+def _opencv_fisheye(chain: Corners) -> Camera:
+    """cv2.fisheye.calibrate on the same corners; all values are nan where it gives up."""
+    import cv2
+
+    groups = [chain.labels["placement"] == g for g in range(len(chain.poses))]
+    points = [np.ascontiguousarray(chain.points[:, g].T)[:, None] for g in groups]
+    pixels = [np.ascontiguousarray(chain.pixels[:, g].T, float)[:, None] for g in groups]
+    flags = (
+        cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
+        | cv2.fisheye.CALIB_FIX_SKEW
+        | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS  # without it, it gives up on boards far from the axis
+    )
+    try:
+        _, matrix, distortion, *_ = cv2.fisheye.calibrate(
+            points, pixels, chain.camera.size, chain.camera.matrix, np.zeros(4), flags=flags
+        )
+    except cv2.error:
+        return Camera.of(np.full(len(chain.camera.values), np.nan), chain.camera.size)
+    values = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion.ravel()]
+    return Camera.of(np.array(values), chain.camera.size)
+
+
 def _opencv(chain, camera):
     """As `_ours`, with OpenCV's camera and poses."""
     full_error = np.empty(chain.pixels.shape)
@@ -158,16 +182,12 @@ def _seen_by_opencv(chain, camera, fitted, is_held_out):
     """(2, k) residuals of the corners asked, with the pose from those fitted."""
     import cv2
 
-    lens = camera.matrix, np.array(camera.distortion)
-    _, rotation, translation = cv2.solvePnP(
-        chain.points[:, fitted].T.copy(), chain.pixels[:, fitted].T.copy(), *lens
-    )
-    return (
-        cv2.projectPoints(chain.points[:, is_held_out].T.copy(), rotation, translation, *lens)[0][
-            :, 0
-        ].T
-        - chain.pixels[:, is_held_out]
-    )
+    if not np.isfinite(camera.values).all():
+        return np.full((2, int(is_held_out.sum())), np.nan)
+    view = camera.pnp_view(chain.pixels[:, fitted])
+    _, rotation, translation = cv2.solvePnP(chain.points[:, fitted].T.copy(), *view)
+    points = cv2.Rodrigues(rotation)[0] @ chain.points[:, is_held_out] + translation
+    return camera.project(points) - chain.pixels[:, is_held_out]
 
 
 @dataclass(frozen=True)

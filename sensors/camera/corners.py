@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from sensors.boards.circles import centre_shift, lens_shift
-from sensors.camera.model import NAMES, Camera
+from sensors.camera.model import Camera
 from sensors.state import SensorState
 from workbench.core.errors import InputError
 from workbench.core.least_squares.bundle import Family
@@ -34,6 +34,7 @@ _LABELS = {
 }
 # Order in r of each coefficient's displacement over the distance from the middle.
 _ORDERS = {"k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6, "k4": 2, "k5": 4, "k6": 6}
+_FISHEYE_ORDERS = {"k1": 2, "k2": 4, "k3": 6, "k4": 8}
 _AT_THE_EDGE = 0.1  # displacement by one coefficient at the edge of the image, over the distance from its middle
 
 
@@ -45,11 +46,12 @@ def camera_parameters(camera: Camera) -> Parameters:
     """
     width, height = camera.size
     edge = np.hypot(width, height) / 2 / min(camera.fx, camera.fy)
+    orders = _FISHEYE_ORDERS if camera.is_fisheye else _ORDERS
     table = []
-    for name, value in zip(NAMES, camera.values.tolist()):
-        if name in _ORDERS:
+    for name, value in zip(camera.names, camera.values.tolist()):
+        if name in orders:
             unit = "1"
-            typical = _AT_THE_EDGE / edge ** _ORDERS[name]
+            typical = _AT_THE_EDGE / edge ** orders[name]
         else:
             unit = "px"
             typical = 0.02 * (camera.fx if name[0] == "f" else max(width, height))

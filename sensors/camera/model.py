@@ -1,7 +1,8 @@
 """The camera: points to pixels and, exactly, pixels to rays.
 
 Frame: x right, y down, z forward, mm; pixel (0, 0) is the centre of the top-left pixel, as in
-OpenCV. Distortion: Brown's k1 k2 p1 p2 k3, with k4 k5 k6 the rational model, in OpenCV's order.
+OpenCV. Distortion: Brown's k1 k2 p1 p2 k3, with k4 k5 k6 the rational model, in OpenCV's order; or the four
+coefficients k1 k2 k3 k4 of a fisheye lens (`sensors.camera.fisheye`).
 """
 
 from dataclasses import dataclass
@@ -9,18 +10,21 @@ from functools import cached_property
 
 import numpy as np
 
+from sensors.camera import fisheye
 from sensors.camera.undistort import BLOCK, Inverse, Workspace, fit_inverse, iterate
 from workbench.core.errors import InputError
 
 NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 BROWN = 9
 RATIONAL = 12
+FISHEYE = 8
+_FISHEYE_NAMES = (*NAMES[:4], "k1", "k2", "k3", "k4")
 _MANY = 2 * BLOCK  # pixels, from which the fitted start of the inverse pays
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics in px, `distortion` (5,) or (8,) without unit, `size` (width, height) in px."""
+    """Intrinsics in px, `distortion` (5,), (8,) or (4,) of a fisheye, without unit, `size` (width, height) in px."""
 
     fx: float
     fy: float
@@ -31,14 +35,24 @@ class Camera:
 
     @classmethod
     def of(cls, values: np.ndarray, size: tuple[int, int]) -> "Camera":
-        """From values (9,) or (12,) in the order of `NAMES`."""
+        """From values (9,), (12,) or (8,) in the order of `names`."""
         values = [float(v) for v in values]
         return cls(*values[:4], tuple(values[4:]), (int(size[0]), int(size[1])))
 
     @property
     def values(self) -> np.ndarray:
-        """(9,) or (12,) in the order of `NAMES`."""
+        """(9,), (12,) or (8,) in the order of `names`."""
         return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether the distortion is that of a fisheye lens."""
+        return len(self.distortion) == fisheye.COEFFICIENTS
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the values: fx, fy, cx, cy and the coefficients of the distortion."""
+        return _FISHEYE_NAMES if self.is_fisheye else NAMES[: 4 + len(self.distortion)]
 
     @property
     def matrix(self) -> np.ndarray:
@@ -75,6 +89,8 @@ class Camera:
 
         nan where a pixel lies beyond what the distortion can reach.
         """
+        if self.is_fisheye:
+            return fisheye.undistort(self.seen(pixels), self.distortion)
         if pixels.shape[1] < _MANY:
             return iterate(self, self.seen(pixels))
         flat = np.empty(pixels.shape)
@@ -83,12 +99,23 @@ class Camera:
             workspace.normalised(pixels[:, first : first + BLOCK], flat[:, first : first + BLOCK])
         return flat
 
+    def pnp_view(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pixels (n, 2), camera matrix and distortion for cv2.solvePnP.
+
+        Of a fisheye lens, whose distortion it does not know, the ideal points in focal lengths.
+        """
+        if self.is_fisheye:
+            return np.ascontiguousarray(self.normalised(pixels).T), np.eye(3), np.zeros(5)
+        return np.ascontiguousarray(pixels.T), self.matrix, np.array(self.distortion)
+
     def seen(self, pixels: np.ndarray) -> np.ndarray:
         """(2, n) distorted normalised image points of pixels (2, n)."""
         return np.stack([(pixels[0] - self.cx) / self.fx, (pixels[1] - self.cy) / self.fy])
 
-    def workspace(self) -> Workspace:
+    def workspace(self) -> Workspace | fisheye.FisheyeWorkspace:
         """For the exact inverse, a block at a time; the fitted start is made once a camera."""
+        if self.is_fisheye:
+            return fisheye.FisheyeWorkspace(self)
         return Workspace(self._inverse)
 
     @cached_property
@@ -102,8 +129,10 @@ class Camera:
     def distort_rows(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distorted points (2, n), derivative by the ideal point (2, 2, n) [by x or y, x or y] and by coefficient.
 
-        Brown, Photogramm. Eng. 32 (1966) and 37 (1971); OpenCV's `calib3d` equations.
+        Brown, Photogramm. Eng. 32 (1966) and 37 (1971); OpenCV's `calib3d` equations. Kannala & Brandt for fisheyes.
         """
+        if self.is_fisheye:
+            return fisheye.distort_rows(flat, self.distortion)
         x, y = flat
         p1, p2 = self.distortion[2:4]
         x2 = x * x
@@ -165,10 +194,12 @@ def camera_from_keys(keys: dict, called: str) -> Camera:
             f"{called}: expected fx_px, fy_px, cx_px, cy_px, distortion, width_px and height_px, "
             f"found none or no number for {problem}; write them again"
         ) from None
-    if len(values) not in (BROWN, RATIONAL) or not np.isfinite(values).all():
+    is_stated = keys.get("model", "brown") == "fisheye"
+    allowed = (FISHEYE,) if is_stated else (BROWN, RATIONAL)
+    if len(values) not in allowed or not np.isfinite(values).all():
         raise InputError(
-            f"{called}: expected 5 or 8 finite distortion coefficients, "
-            f"found {values}; calibrate the camera again"
+            f"{called}: expected {'4' if is_stated else '5 or 8'} finite distortion coefficients (4 with "
+            f'model = "fisheye"), found {values}; calibrate the camera again'
         )
     if not _is_possible(np.array(values), np.array(size)):
         raise InputError(
@@ -201,6 +232,7 @@ def _is_possible(values: np.ndarray, size: np.ndarray) -> bool:
 def camera_keys(camera: Camera) -> dict:
     """The keys that `camera_from_keys` reads."""
     return {
+        **({"model": "fisheye"} if camera.is_fisheye else {}),
         **{f"{name}_px": float(value) for name, value in zip(NAMES[:4], camera.values)},
         "distortion": [float(k) for k in camera.distortion],
         "width_px": int(camera.size[0]),

@@ -1,12 +1,13 @@
 """A first camera and first poses of boards from corners alone, and the corner chain of a set of images."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sensors.camera.corners import Corners
-from sensors.camera.model import BROWN, RATIONAL, Camera
+from sensors.camera.model import BROWN, FISHEYE, RATIONAL, Camera
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.rigid import rotation_vector
@@ -15,10 +16,13 @@ if TYPE_CHECKING:
     from sensors.boards.board import Board
     from sensors.boards.detection import View
 
-MODELS = {"brown": BROWN, "rational": RATIONAL}
+MODELS = {"brown": BROWN, "rational": RATIONAL, "fisheye": FISHEYE}
 FEW = 16
 """Corners of a board pose that a start needs: its homography takes four."""
 _CAMERA_GROUPS = 20
+_FISHEYE_VIEWS = np.deg2rad(
+    [60, 80, 100, 120, 140, 160, 180, 200]
+)  # of the longer side of the image
 _WIDEST, _NARROWEST = 0.2, 50.0  # focal lengths over the image's width: 136 and 1 degrees of view
 
 
@@ -114,8 +118,36 @@ def started(chain: Corners) -> Corners:
     widths of the image.
     """
     chosen, new = spread(chain)
+    if chain.camera.is_fisheye:
+        return _started_fisheye(chain, chosen, new)
     camera = _first_camera(chain, chosen, new)
     return chain.moved(camera, first_poses(homographies(chain, chosen, new), camera.matrix))
+
+
+def _started_fisheye(chain, chosen, new):
+    """The chain at the equidistant lens, r = f theta, whose angle of view leaves the least of the boards."""
+    found = []
+    width = max(chain.camera.size)
+    for view in _FISHEYE_VIEWS:
+        camera = Camera.of(
+            np.r_[width / view, width / view, chain.camera.values[2:]], chain.camera.size
+        )
+        flat = camera.normalised(chain.pixels)
+        is_seen = np.isfinite(flat).all(0)
+        usable = new & is_seen[chosen]
+        if (usable.sum(1) < 6).any():
+            continue
+        ideal = replace(chain, pixels=np.where(is_seen, flat, 0.0))
+        poses = first_poses(homographies(ideal, chosen, usable), np.eye(3))
+        moved = chain.moved(camera, poses)
+        misfit = np.abs(camera.project(moved.state.points) - chain.pixels)[:, is_seen]
+        found.append((float(np.median(misfit)), len(found), moved))
+    if not found:
+        raise InputError(
+            "camera: expected boards within 88 degrees of the optical axis for the fisheye model, found corners "
+            "farther out in every image; take images with the board nearer to the middle"
+        )
+    return min(found, key=lambda row: row[:2])[2]
 
 
 def _first_camera(chain, chosen, new):

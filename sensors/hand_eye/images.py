@@ -34,7 +34,6 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 __all__ = ["HandEye", "PoseRow", "hand_eye_from_views"]
 KINDS = ("in-hand", "to-hand")
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _SCALE = "target.scale"
 # Standard deviations of a camera from the same images, as a multiple of its own: the images enter the adjustment once.
 _LOOSE = 10.0
@@ -393,4 +392,7 @@ def _std(chain, known):
         return table
     square = np.diag(chain.modes @ known.covariance[np.ix_(places, places)] @ chain.modes.T)
     spread = np.sqrt(np.maximum(square, 0.0))
-    return {**table, **dict(zip((f"camera.{name}" for name in NAMES), spread.tolist()))}
+    return {
+        **table,
+        **dict(zip((f"camera.{name}" for name in chain.camera.names), spread.tolist())),
+    }

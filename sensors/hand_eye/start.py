@@ -34,11 +34,7 @@ def board_poses(
                 "take the image out"
             )
         found = cv2.solvePnP(
-            np.ascontiguousarray(board[:, mine].T),
-            np.ascontiguousarray(pixels[:, mine].T),
-            camera.matrix,
-            np.array(camera.distortion),
-            flags=cv2.SOLVEPNP_ITERATIVE,
+            np.ascontiguousarray(board[:, mine].T), *camera.pnp_view(pixels[:, mine])
         )
         if not found[0] or not np.isfinite(found[1]).all():
             raise InputError(

@@ -115,10 +115,7 @@ def reprojection(opened: Opened, corners: np.ndarray, index: np.ndarray) -> np.n
     )
     places = np.asarray(board.points)
     places = (places.T if places.shape[0] == 3 else places)[index]
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    distortion = np.asarray(camera.distortion, float)
-    solved, rotation, shift = cv2.solvePnP(places, corners.T.copy(), matrix, distortion)
+    solved, rotation, shift = cv2.solvePnP(places, *camera.pnp_view(corners))
     if not solved:
         return None
-    predicted = cv2.projectPoints(places, rotation, shift, matrix, distortion)[0].reshape(-1, 2).T
-    return predicted - corners
+    return camera.project(cv2.Rodrigues(rotation)[0] @ places.T + shift) - corners

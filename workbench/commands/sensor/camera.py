@@ -15,6 +15,7 @@ class Lens(StrEnum):
 
     BROWN = "brown"
     RATIONAL = "rational"
+    FISHEYE = "fisheye"
 
 
 Recording = Annotated[
@@ -24,7 +25,8 @@ Recording = Annotated[
 Model = Annotated[
     Lens,
     typer.Option(
-        "--model", help="Distortion model: brown (k1 k2 p1 p2 k3) or rational (also k4 k5 k6)."
+        "--model",
+        help="Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6) or fisheye (k1 to k4 of the angle).",
     ),
 ]
 

@@ -10,6 +10,9 @@ _NAMED = 6  # largest number of scans in a sentence
 _SENTENCES = 12  # largest number of different sentences on scans or images
 
 
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
 def camera(console, answer: Mapping) -> None:
     """Errors and parameters of a camera; `answer`: the object of `camera --json`."""
     title = (
@@ -21,7 +24,8 @@ def camera(console, answer: Mapping) -> None:
     rows = [
         [key, *measured(answer[key], std.get(key))] for key in ("fx_px", "fy_px", "cx_px", "cy_px")
     ]
-    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    is_fisheye = answer.get("model") == "fisheye"
+    names = ("k1", "k2", "k3", "k4") if is_fisheye else _COEFFICIENTS
     rows += [
         [name, *measured(*pair)]
         for name, *pair in zip(names, answer["distortion"], std["distortion"])

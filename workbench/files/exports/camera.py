@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors.camera.model import BROWN, Camera
+from sensors.camera.model import BROWN, FISHEYE, Camera
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import least_squares
 
@@ -58,7 +58,9 @@ def _floats(values) -> list[float]:
 
 def _ros(camera: Camera) -> str:
     """sensor_msgs/CameraInfo as `camera_calibration_parsers` reads it."""
-    brown = len(camera.values) == BROWN
+    model = {BROWN: "plumb_bob", FISHEYE: "equidistant"}.get(
+        len(camera.values), "rational_polynomial"
+    )
     projection = np.column_stack([camera.matrix, np.zeros(3)])
     return _dump(
         {
@@ -66,7 +68,7 @@ def _ros(camera: Camera) -> str:
             "image_height": camera.size[1],
             "camera_name": "camera",
             "camera_matrix": {"rows": 3, "cols": 3, "data": _floats(camera.matrix)},
-            "distortion_model": "plumb_bob" if brown else "rational_polynomial",
+            "distortion_model": model,
             "distortion_coefficients": {
                 "rows": 1,
                 "cols": len(camera.distortion),
@@ -107,7 +109,7 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
     it. InputError where that is off by more than a tenth of a pixel, or where
     part of the image cannot be undone.
     """
-    if name != "kalibr" or not any(camera.distortion[4:]):
+    if name != "kalibr" or camera.is_fisheye or not any(camera.distortion[4:]):
         return camera, 0.0
     wide, high = camera.size
     pixels = np.stack(
@@ -132,7 +134,7 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
 
 def _kalibr(camera: Camera) -> str:
     """Kalibr's camchain: radial-tangential distortion has four coefficients, see `as_held`."""
-    k1, k2, p1, p2, *more = camera.distortion
+    more = () if camera.is_fisheye else camera.distortion[4:]
     if any(more):
         raise InputError(
             "export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "
@@ -143,8 +145,8 @@ def _kalibr(camera: Camera) -> str:
             "cam0": {
                 "camera_model": "pinhole",
                 "intrinsics": _floats(camera.values[:4]),
-                "distortion_model": "radtan",
-                "distortion_coeffs": _floats([k1, k2, p1, p2]),
+                "distortion_model": "equidistant" if camera.is_fisheye else "radtan",
+                "distortion_coeffs": _floats(camera.distortion[:4]),
                 "resolution": list(camera.size),
                 "rostopic": "/camera",
             }
@@ -154,9 +156,9 @@ def _kalibr(camera: Camera) -> str:
 
 def _from_kalibr(keys) -> Camera:
     camera = keys["cam0"]
-    return Camera.of(
-        np.array([*camera["intrinsics"], *camera["distortion_coeffs"], 0.0]), camera["resolution"]
-    )
+    more = () if camera["distortion_model"] == "equidistant" else (0.0,)
+    values = np.array([*camera["intrinsics"], *camera["distortion_coeffs"], *more])
+    return Camera.of(values, camera["resolution"])
 
 
 def _camera(matrix, distortion, size) -> Camera:

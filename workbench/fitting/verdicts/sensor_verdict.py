@@ -143,8 +143,8 @@ def _wide(calibration) -> str:
     if not angle > _WIDE_DEG:
         return ""
     return (
-        f". The field of view is about {angle:.0f} deg: neither model (brown, rational) describes a fisheye lens; use "
-        "a lens of a smaller angle"
+        f". The field of view is about {angle:.0f} deg: a fisheye lens needs `workbench camera --model "
+        "fisheye`; scanners need a lens of a smaller angle"
     )
 
 

@@ -39,7 +39,7 @@ class CameraRun:
 
 
 def calibrate(recording: Recording, model: str, progress: Callable[[str], None]) -> CameraRun:
-    """The camera of a recording with images of a board; `model` is "brown" or "rational".
+    """The camera of a recording with images of a board; `model` is "brown", "rational" or "fisheye".
 
     progress: called with one line a step. Raises InputError.
     """
@@ -99,11 +99,11 @@ def as_json(run: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
 def camera_json(camera: Camera, std: Mapping[str, float]) -> dict:
     """Values in px with their 1 sigma under `std`, in the same order; std: by the keys of the solve."""
     known = {f"{name}_px": std.get(f"camera.{name}") for name in ("fx", "fy", "cx", "cy")}
-    names = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[: len(camera.distortion)]
+    names = camera.names[4:]
     lens = [std.get(f"camera.{name}") for name in names]
     keys = camera_keys(camera)
     return {
-        **{key: keys[key] for key in known},
+        **{key: keys[key] for key in ("model", *known) if key in keys},
         "distortion": keys["distortion"],
         "width_px": camera.size[0],
         "height_px": camera.size[1],

@@ -6,9 +6,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from datasets.columns import FLANGE, POINT, QUATERNION
 from scipy.spatial.transform import Rotation
 
-from datasets.columns import FLANGE, POINT, QUATERNION
 from datasets.recording import Recording
 from robot_model import load_robot
 from workbench.core.errors import InputError

@@ -24,7 +24,6 @@ _CAMERA = {
     "cx": "principal point cx",
     "cy": "principal point cy",
 }
-_LENS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Coefficients in the order of OpenCV."""
 
 
@@ -255,7 +254,7 @@ def _camera_rows(camera, deviations: Mapping[str, float]) -> list[dict]:
     ]
     rows += [
         (f"distortion {name}", f"{value:.5f}", _sigma(deviations, name))
-        for name, value in zip(_LENS, camera.distortion)
+        for name, value in zip(camera.names[4:], camera.distortion)
     ]
     rows.append(("image size", f"{camera.size[0]} × {camera.size[1]} px", ""))
     return [{"name": name, "value": value, "sigma": sigma} for name, value, sigma in rows]
