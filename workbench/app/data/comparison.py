@@ -17,6 +17,7 @@ _COMPARED = {
     CAMERA: (("images used", "views"), ("corners", "corners"), ("RMS (px)", "rms_px")),
     HAND_EYE: (
         ("poses", "poses"),
+        ("poses used", "poses_used"),
         ("RMS of the fit (px)", "fit", "rms_px"),
         ("held-out RMS (px)", "held_out", "rms_px"),
         ("RMS of the fit (mm)", "fit"),

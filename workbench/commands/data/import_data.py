@@ -44,6 +44,15 @@ Board = Annotated[
         "holds it.",
     ),
 ]
+CameraFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--camera",
+        metavar="FILE",
+        help="Test the poses of images with this calibrated camera (camera.toml); default: it is calibrated from the "
+        "same images.",
+    ),
+]
 OutFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="New folder for the recording.")
 ]
@@ -84,6 +93,12 @@ _GUESS_S = 30.0
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Accept the preview without a question.")]
 
 
+def _camera(path: Path):
+    from workbench.jobs.sensor import camera
+
+    return camera.read_stated(path)[0]
+
+
 def command(
     sources: Sources,
     out: OutFolder = None,
@@ -91,6 +106,7 @@ def command(
     map: Map = None,
     propose: Propose = None,
     board: Board = None,
+    camera: CameraFile = None,
     artefact: Artefact = None,
     ball_radius: BallRadius = None,
     sigma: Sigma = None,
@@ -119,6 +135,7 @@ def command(
         robot=robot,
         mapping=Mapping() if map is None else read_mapping(map),
         board=None if board is None else board_keys(board),
+        camera=None if camera is None else _camera(camera),
         artefact=artefact,
         ball_radius_mm=ball_radius,
         sigma_mm=sigma,

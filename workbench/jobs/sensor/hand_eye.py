@@ -281,6 +281,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "kind": hand_eye.kind,
         "transform": "T_base_sensor" if hand_eye.kind == TO_HAND else "T_flange_sensor",
         "poses": len(run.flange),
+        "poses_used": len(run.flange) - len(hand_eye.outliers),
         "hand_eye": placed_json(hand_eye.sensor, hand_eye.covariance),
         "target": target_json(hand_eye),
         "noise": hand_eye.noise,

@@ -17,6 +17,7 @@ from datasets.importers.mapping.left_out import unused_rotation_sentences
 from datasets.importers.mapping.model import Mapping, write_mapping
 from datasets.recording import Recording
 from robot_model import builtin_robots
+from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 from workbench.core.robot_files.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
@@ -49,11 +50,13 @@ class ImportOptions:
     person; None refuses with a sentence. `trust_data`: a bad fit is a warning. `time_offset`: seconds to add to the
     times of the shorter of two tables, "auto" (estimate it), "none", or None: as the mapping states, else "auto".
     `name`: of the recording in messages; default: the name of the folder.
+    `camera`: of images of a board; None: it is calibrated from them.
     """
 
     robot: str | None = None
     mapping: Mapping = field(default_factory=Mapping)
     board: Keys | None = None
+    camera: Camera | None = None
     artefact: Path | None = None
     ball_radius_mm: float | None = None
     sigma_mm: float | None = None

@@ -21,6 +21,7 @@ from datasets.importers.mapping.joined_tables.sessions import SESSION
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import ImageFile, RawTable
 from datasets.recording import Recording
+from sensors.camera.model import Camera
 from sensors.hand_eye.checks.relative_motions import (
     EQUAL_REMEDY,
     equal_poses,
@@ -30,6 +31,7 @@ from sensors.hand_eye.checks.relative_motions import (
 from sensors.hand_eye.motion import motion
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_matrix, transform
+from workbench.fitting.verdicts.hand_eye_verdict import weak_focal
 from workbench.machine.progress import paced
 from workbench.recordings.importing.board_images.board_review import likely_mistake, pose_warnings
 from workbench.recordings.importing.board_images.image_rows import matched_rows
@@ -203,6 +205,7 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     """Board poses of some of the images, evenly chosen. Raises InputError where the board is not found."""
     from sensors.boards.detection import detect_all, relabelled
     from sensors.camera.calibration import calibrate_camera
+    from workbench.files.images.images import check_size
 
     count = len(recording.images)
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
@@ -211,9 +214,13 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     tick = paced(progress, "board in image")
     found = detect_all(some, lambda done, total, name: tick(done, total), said_in=said_in)
     numbers = {image["image"]: row for row, image in zip(rows, some.images)}
-    progress("calibrating a camera to test the poses")
-    calibration = calibrate_camera(found.views, found.board, found.size, folds=0)
-    camera = calibration.camera
+    if options.camera is None:
+        progress("calibrating a camera to test the poses")
+        calibration = calibrate_camera(found.views, found.board, found.size, folds=0)
+        camera = calibration.camera
+    else:
+        calibration = camera = options.camera
+        check_size(camera, found.size, recording.name, "--camera")
     seen = []
     for turn in range(found.board.rotational_symmetry):
         labelled = [relabelled(view, found.board, turn) for view in found.views]
@@ -248,10 +255,22 @@ def _decide(readings, views: BoardViews, kind: str, rows: RawTable, options):
     if not best.is_good and not options.trust_data:
         raise InputError(
             f"{file}: expected flange poses that explain the board in the images, found none under any reading "
-            f"(best {best.words}); check that rows and images belong together, the size of the board and the mapping, "
-            "or repeat with --trust-data."
+            f"(best {best.words}); check that rows and images belong together, the size of the board and the mapping"
+            f"{_weak_camera(views)}, or repeat with --trust-data."
         )
     return readings[chosen][1], tuple(fit for _, fit in fits)
+
+
+def _weak_camera(views: BoardViews) -> str:
+    """What to do where the images do not determine the camera with which the poses are tested; empty elsewhere."""
+    calibration = views.camera
+    focal = None if isinstance(calibration, Camera) else weak_focal(calibration)
+    if focal is None:
+        return ""
+    return (
+        f"; the images determine the focal length to {100 * focal:.2g} % only, name a calibrated camera with --camera "
+        "camera.toml"
+    )
 
 
 def _pose_readings(readings, views: BoardViews, kind: str) -> PoseReadings:
