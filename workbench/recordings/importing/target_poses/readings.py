@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from datasets.importers.mapping.column_units import unit_words
 
 from datasets.importers.mapping.candidates import Turn, length_units, rotation_candidates
+from datasets.importers.mapping.columns.column_units import unit_words
 from datasets.importers.mapping.conversion import point_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.source import RawTable
