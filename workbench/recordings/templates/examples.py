@@ -6,10 +6,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from datasets.columns import FLANGE, POINT, QUATERNION
 from scipy.spatial.transform import Rotation
 
 from datasets.recording import Recording
+from datasets.samples.columns import FLANGE, POINT, QUATERNION
 from robot_model import load_robot
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, transform
