@@ -698,6 +698,7 @@ def import_data(
     map: Path | str | None = None,
     propose: Path | str | None = None,
     board: str | None = None,
+    camera: Path | str | None = None,
     artefact: Path | str | None = None,
     ball_radius: float | None = None,
     sigma: float | None = None,
@@ -721,6 +722,8 @@ def import_data(
         board: Board in the images: "chessboard 11x8 5mm", "circles 7x6 10mm", "circles 4x11 10mm
             asymmetric", "charuco 7x5 30mm 22mm DICT_5X5_250" or "aprilgrid 6x6 71.5mm 55mm"; "on
             tool" at the end where the robot holds it.
+        camera: Test the poses of images with this calibrated camera (camera.toml); default: it is
+            calibrated from the same images.
         artefact: File with the certified ball centres and radii (artefact.csv).
         ball_radius: Radius of the ball in point clouds.
         sigma: Standard deviation of a measured coordinate (sigma_mm), with which the fit is

@@ -216,7 +216,7 @@ def calibrate_camera(
 ) -> CameraCalibration:
     """The camera, its board's bow and all poses from views of one board.
 
-    model: "brown" (k1 k2 p1 p2 k3) or "rational" (with k4 k5 k6). bow: fit the board's warp. effects:
+    model: "brown" (k1 k2 p1 p2 k3), "rational" (with k4 k5 k6) or "fisheye". bow: fit the board's warp. effects:
     further ones of the sensor to be fitted. folds: of the held-out images, 0 for none of the
     checks. progress: called with one line a step. InputError where there are fewer than three
     usable board poses, where the views do not fit the board or one another.
