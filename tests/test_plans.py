@@ -80,7 +80,7 @@ def test_the_default_plan_makes_models_that_exist(measures, arm):
 def test_the_default_plan_goes_from_geometry_through_transmission_to_compliance():
     made = scene("external-point", n=40)
     names = [stage.name for stage in default_plan(bind(made.robot, made.recording))]
-    assert names[:3] == ["geometry", "transmission", "compliance"]
+    assert names[:4] == ["geometry", "coupling", "transmission", "compliance"]
 
 
 def test_a_joint_that_hardly_moves_gets_no_gear_wave():

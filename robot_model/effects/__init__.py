@@ -1,6 +1,7 @@
 """The catalogue of a robot's physical effects: a name of the vocabulary, or a variant of one, a line."""
 
 from robot_model.effects import (
+    coupling,
     curve,
     drift,
     elastic,
@@ -21,7 +22,7 @@ CATALOGUE = {
     "joint-curve": curve.JointCurve,
     "zero-offset": transmission.ConstantTerm,
     "axis-run-out": drift.AxisRunOut,
-    "joint-coupling": transmission.JointCoupling,
+    "joint-coupling": coupling.JointCoupling,
     "zero-shift": transmission.ZeroShift,
     "joint-compliance": elastic.JointCompliance,
     "ye-compliance": elastic.YeCompliance,

@@ -14,7 +14,6 @@ from workbench.core.covariates import (
     reversals,
 )
 from workbench.core.effect import Effect, Grid, Variant
-from workbench.core.errors import InputError
 
 # prior weight of the low orders: eccentric gears and encoders make one and two cycles a revolution; more are rarer
 _LOW_ORDERS = {1: 0.3, 2: 0.3, 3: 0.1, 4: 0.1}
@@ -22,7 +21,7 @@ _HIGH_ORDERS = 0.2  # of all orders beyond these together
 # strain wave gears of arms have ratios up to 161 and make two cycles a revolution of their wave generator
 _HIGHEST_ORDER, _HIGHEST_HALF, _HALF_WEIGHT = 322.0, 40.0, 0.2
 _MOVES_RAD = 0.2  # range of a joint below which no order is distinguishable
-_PLANNED_RAD = 0.35  # and below which the default plan fits none
+PLANNED_RAD = 0.35  # and below which the default plan fits none
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}  # of a step or amplitude that is searched for
 _REVERSALS = 4  # of a joint, from which on its side is no step, as a shift of its zero is
 _LOADED_NM = 0.02  # variation of a load below which nothing deflects measurably
@@ -93,7 +92,7 @@ class TransmissionHarmonic(Effect):
     @classmethod
     def planned(cls, chain):
         """Once and twice a revolution, at every joint that rotates far enough."""
-        for where in turning_joints(chain, _PLANNED_RAD):
+        for where in turning_joints(chain, PLANNED_RAD):
             yield from ((where, {"order": order}) for order in (1, 2))
 
     @classmethod
@@ -238,7 +237,7 @@ class Backlash(Effect):
     @classmethod
     def planned(cls, chain):
         """By the recorded side of approach, at every joint that rotates far enough."""
-        for where in turning_joints(chain, _PLANNED_RAD):
+        for where in turning_joints(chain, PLANNED_RAD):
             if all(chain.varies(name) for name in cls(where).needs):
                 yield where, {}
 
@@ -314,57 +313,6 @@ class ZeroShift(Effect):
 
     def basis(self, state):
         return (clock(state) > self.after).astype(float)[None, None]
-
-
-class JointCoupling(Effect):
-    """The motion of joint J moves joint K by a fixed ratio, in addition to `coupled` in the robot file."""
-
-    effect = "joint-coupling"
-    port = "joint"
-    places = ("joint",)
-    equation = "dq_K = c * q_J"
-    source = "wrist gear coupling, e.g. Stone, Kinematic Modeling (1987), ch. 3"
-    coexists = True
-    plant_weight = 0.2
-
-    def __init__(self, where: str, joint: int):
-        super().__init__(where)
-        self.joint = joint
-
-    @property
-    def reads(self):
-        return (f"q{self.joint}",)
-
-    @classmethod
-    def candidates(cls, chain):
-        """From every other joint that moves."""
-        moving = [k for k, q in enumerate(chain.state.drive_angles, 1) if np.ptp(q) > 0]
-        for where in chain.places("joint"):
-            for coupling in (cls(where, joint) for joint in moving):
-                if coupling.joint != coupling.number:
-                    yield Variant(coupling, f"from joint {coupling.joint}")
-
-    @classmethod
-    def planted(cls, readings, joint, rng):
-        """From a random other joint."""
-        joints = range(len(readings.angles))
-        other = int(rng.choice([j for j in joints if j != joint - 1]))
-        angle = readings.angles[other]
-        return {"joint": other + 1}, angle - angle.mean()
-
-    def table(self, chain):
-        if not 1 <= self.joint <= chain.robot.joints:
-            expected = f"one of the arm's {chain.robot.joints} joints"
-            raise InputError(
-                f"{self.title}, option joint: expected {expected}, found {self.joint}; correct it"
-            )
-        unit, size = size_of(chain, self.number, 1e-3)
-        other, per = size_of(chain, self.joint, 1.0)
-        label = f"joint {self.number}'s share of joint {self.joint}"
-        return (self.parameter(f"from{self.joint}", f"{unit}/{other}", size / per, label),)
-
-    def basis(self, state):
-        return state.drive_angles[self.joint - 1][None, None]
 
 
 class TimeOffset(Effect):

@@ -46,16 +46,19 @@ def cross_validate_linearised(
     is_linear = len(folds.blocks) > 1 and not noise_mask(model, start).any()
     for k in range(len(folds.blocks)):
         test = fold == folds.numbers[k]
-        near = start
-        found = None
+        near, found, is_settled = start, None, False
         if is_linear:
             known = folds.without(k)
             fitted = folds.fitted(known, settle)
             found = folds.held_out(k, known, fitted)
-            near = replace(start, values=fitted.values)
+            near, is_settled = (
+                fitted,
+                True,
+            )  # also the scales of its priors are those of the other folds
         if found is None:
             others = (fold >= 0) & ~test
-            exact = hold_out(model, near, test, others, "linear", steps, settle)
+            settle_again = settle and not is_settled
+            exact = hold_out(model, near, test, others, "linear", steps, settle_again)
             found = exact.residual[:, test], exact.located
         residual[:, test] = found[0]
         located |= found[1]

@@ -18,6 +18,7 @@ NOISE_ROUNDS = 8
 _SAME_NOISE = 0.02
 """Relative change of sigma that ends them: within the standard error of the noise of 1,000 samples."""
 _LEAST_SHARE = 1e-4  # of the stated variance that the noise may have
+_LEAST_FREE = 1.0  # degrees of freedom that a fit leaves at least
 _NANOMETRE = 1e-6  # mm: nothing is measured better
 
 
@@ -33,16 +34,25 @@ def noise_scaled(
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
     of_fit = stated if fitted is None else stated[:, fitted]
     sigma = chain.sigma.copy()
-    degrees_used = fit.residual.size / fit.degrees
     weights = fit.weights / fit.weights.mean()
     scales = may_shrink and len(fit.residual) > 3 and not chain.sigma_unknown
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and orientations where they are measured
-        squares = fit.residual[rows] ** 2 * weights * degrees_used
+        squares = fit.residual[rows] ** 2 * weights / _share_of_degrees(fit, rows)
         if squares.size:
             share = float((squares / of_fit[rows] ** 2).mean()) if scales else 1.0
             share = np.clip(share, _LEAST_SHARE, 1.0)
             sigma[rows] = np.sqrt(share * stated[rows] ** 2 + _extra(squares, of_fit[rows]))
     return replace(chain, sigma=sigma)
+
+
+def _share_of_degrees(fit: Fit, rows: slice) -> float:
+    """Share of the residuals of some components that the fit leaves as degrees of freedom.
+
+    A kind that most parameters depend on would else seem free of noise, get all the weight, and be interpolated.
+    """
+    if fit.shares is None or not fit.shares[rows].size:
+        return fit.degrees / fit.residual.size
+    return max(float(fit.shares[rows].mean()), _LEAST_FREE / fit.residual[rows].size)
 
 
 def is_settled(before: RobotChain, after: RobotChain) -> bool:

@@ -93,9 +93,10 @@ class EditedPlan:
     session: Session
 
     def __call__(self, chain) -> tuple[Stage, ...]:
-        from workbench.fitting.calibration_plans.plans import default_plan, read_plan
+        from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
 
-        base = read_plan(Path(self.session.plan)) if self.session.plan else default_plan(chain)
+        named = self.session.plan
+        base = read_plan(Path(named)) if named else plan_of_recording(chain)
         taken_keys = _keys_of(self._kept_additions(), chain)
         return self.edited(base, lambda row: bool(taken_keys & _keys_of([effect_row(row)], chain)))
 

@@ -61,6 +61,8 @@ class Fit:
         degrees: Degrees of freedom of the residual.
         gradient: (F,) of half the whitened sum of squares at `parameters`, in the units of the free parameters; None
             with a robust loss and where `normal` has other sigmas.
+        shares: (m,) share of its residuals that each component keeps as degrees of freedom, where poses are measured
+            (m > 3) and the solve still has the derivative; else None.
 
     Examples:
         >>> from workbench.core.parameters import Parameter
@@ -80,6 +82,7 @@ class Fit:
     outcome: str = CONVERGED
     degrees: float = 1.0
     gradient: np.ndarray | None = None
+    shares: np.ndarray | None = None
 
     @property
     def converged(self) -> bool:
@@ -393,17 +396,26 @@ class _Problem:
         self.take(candidate, residual, derivative(), weights)
         return True
 
-    def degrees(self):
+    def degrees(self, covariance):
         """Residuals less the parameters that the data, and not the priors, have spent on them."""
-        size = len(self.scale)
-        if not size:
-            return float(self.residual.size)
-        prior = self.prior + _FLOOR
-        determined_by_prior = float(np.diag(covariance_of(self.data_normal, prior)) @ prior)
-        return max(self.residual.size - size + determined_by_prior, 1.0)
+        determined_by_prior = float(np.diag(covariance) @ (self.prior + _FLOOR))
+        return max(self.residual.size - len(self.scale) + determined_by_prior, 1.0)
+
+    def shares_of_components(self, covariance):
+        """(m,) share of degrees of freedom in the residuals of each component, as of `Fit.shares`.
+
+        Parameters spend those of positions and of orientations unequally: what the orientations do not depend on,
+        positions alone pay for.
+        """
+        if len(self.residual) <= 3 or self.rows is None or not len(self.scale):
+            return None
+        rows = self.rows.flat * (self.rows.factor * self.scale[:, None])
+        leverage = (rows * (covariance @ rows)).sum(0).reshape(self.residual.shape)
+        return np.clip(1 - leverage.mean(1), 0.0, 1.0)
 
     def finish(self):
-        degrees = self.degrees()
+        covariance = covariance_of(self.data_normal, self.prior + _FLOOR)
+        degrees = self.degrees(covariance)
         data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
         return Fit(
             self.parameters,
@@ -415,6 +427,7 @@ class _Problem:
             self.outcome or (SETTLED if self.is_settled else OUT_OF_STEPS),
             degrees,
             self.data_gradient / self.scale if self.weigh is None else None,
+            self.shares_of_components(covariance),
         )
 
 

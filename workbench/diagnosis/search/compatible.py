@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robot_model.effects.coupling import JointCoupling
 from robot_model.effects.nonparametric import SHARP_DEGREE
-from robot_model.effects.transmission import JointCoupling, TransmissionHarmonic
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 

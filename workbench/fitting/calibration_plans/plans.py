@@ -17,23 +17,50 @@ from workbench.core.solution import Stage
 from workbench.core.text.structured_text import ContentError, read_toml
 from workbench.fitting.calibration_plans.joint_curves import choose_joint_curves
 
+FEW_POSES = 40
+"""Poses up to which folds do not choose among the stages of the default plan, as of `plan_of_recording`."""
 FRAMES = ("base.*", "tool.*", "sensor.*", "artefact.*")
 PLAN_FILES = Path(__file__).parent / "plan_files"
-CURVES = "joint curves"
+CURVES, DRIFT = "joint curves", "drift"
 STAGES = {
+    "coupling": "gears of the wrist, or a ball screw, move one joint with another",
     "transmission": "gears and encoders have errors of one and two cycles per revolution, and backlash",
     "compliance": "joints deflect under the weight of links and load, whose centres of mass are uncertain",
     "bending": "bearings of joints tilt, and with them links bend, under the moment across them",
     CURVES: "gears and encoders have errors of many cycles per revolution, or of none",
-    "drift": "base or instrument drifts during the recording",
+    DRIFT: "base or instrument drifts during the recording",
 }
 """The stages of the default plan after the geometry, and why each is there; `Effect.stage` names one of them."""
+TOGETHER = ("transmission", "compliance", "bending")
+ARM = "transmission and compliance"
+_ARM_WHY = "gears and encoders have errors, and joints and bearings deflect; few poses do not choose among these"
+"""The stage of all errors of `TOGETHER`."""
 
 
 def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
-    """Geometry, transmission, compliance, bending, joint curves and drift, as far as this recording can show them."""
+    """Geometry and the stages of `STAGES`, as far as this recording can show them."""
     planned = (joint_curves() if name == CURVES else _stage_of(name, chain) for name in STAGES)
     return geometry(chain.robot), *(stage for stage in planned if stage.effects or stage.choose)
+
+
+def plan_of_recording(chain: RobotChain) -> tuple[Stage, ...]:
+    """The default plan; with at most `FEW_POSES` poses, one stage has all its errors of joints and bearings.
+
+    Folds of few poses cannot choose among gears, joints and bearings. The choice follows the errors of single poses,
+    and the error of folds that made it is too small (Varma & Simon, BMC Bioinformatics 7 (2006) 91). Estimated
+    together, the scale of the prior of each family shrinks what the poses do not show, and there is one test. Error
+    curves, whose terms are chosen one by one, and a drift, which has few poses at any time, need more poses.
+    """
+    stages = default_plan(chain)
+    poses = np.unique(chain.variables.round(4), axis=1).shape[1]
+    if poses > FEW_POSES:
+        return stages
+    kept = [stage for stage in stages if stage.name not in (*TOGETHER, CURVES, DRIFT)]
+    rows = tuple(row for stage in stages if stage.name in TOGETHER for row in stage.effects)
+    if not rows:
+        return tuple(kept)
+    after = next(k for k, stage in enumerate(stages) if stage.name in TOGETHER)
+    return (*kept[:after], Stage(ARM, _ARM_WHY, rows), *kept[after:])
 
 
 def frames_of(parameters) -> tuple[str, ...]:

@@ -12,6 +12,12 @@ from workbench.core.solution import Stage
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.priors.wider_priors import widened
 
+_LEAST_DEGREES = 0.25
+"""Share of the residuals that a fit must leave as degrees of freedom, so that its noise is known.
+
+A fit that nearly interpolates has a small residual. Taken for the noise, it frees more parameters from their priors,
+and the next residual is smaller still, until nothing is left.
+"""
 _SAME_FIT = 1.02  # ratio of sums of squares: what small terms that are left out may change
 
 
@@ -24,14 +30,14 @@ def fit_with_noise(
     the fit starts, and what is free. Returns the fit, the model of the fitted samples and the chain of all samples,
     both with the noise of the fit.
     """
-    # without redundancy the fit interpolates, and its noise would become zero step by step
-    is_redundant = before.residual.size > start.mask.sum()
     chain, part = _with_noise(model.chain, model.part(fitted), before, fitted)
     trial = None
-    for _ in range(NOISE_ROUNDS if is_redundant else 2):
+    for _ in range(NOISE_ROUNDS):
         trial = solve(part, start, stage.loss, stage.steps, trial)
         start = widened(part, trial)
         is_same_prior = start is trial.parameters
+        if trial.degrees < _LEAST_DEGREES * trial.residual.size and is_same_prior:
+            break
         stated = part.chain
         chain, part = _with_noise(chain, part, trial, fitted)
         trial = trial.with_sigma(stated.sigma, part.chain.sigma)

@@ -27,7 +27,7 @@ from workbench.files.provenance import provenance
 from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
 from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
 from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
-from workbench.fitting.calibration_plans.plans import default_plan, read_plan
+from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
 from workbench.fitting.cross_validation import (
     HeldOut,
@@ -45,7 +45,15 @@ from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
-from workbench.jobs.robot.stages import Chosen, Step, first_step, refit, run_stages
+from workbench.jobs.robot.stages import (
+    MANY,
+    Chosen,
+    Step,
+    first_step,
+    refit,
+    run_stages,
+    with_errors_of_result,
+)
 from workbench.machine.progress import paced
 
 # times the robust spread: a blunder (a lost beam, a wrong ball), not what a model has yet to explain
@@ -169,7 +177,7 @@ def _on_all(chosen: Chosen, split: Split, stages, progress) -> Chosen:
 
 def _stages(plan, chain) -> tuple[Stage, ...]:
     if plan is None:
-        return default_plan(chain)
+        return plan_of_recording(chain)
     if callable(plan):
         return tuple(plan(chain))
     return read_plan(Path(plan)) if isinstance(plan, str | Path) else tuple(plan)
@@ -214,14 +222,17 @@ def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
 def _final_held_out(step: Step, split: Split, progress, what: str) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples.
 
-    Test samples judge the model that is saved, without another fit. what: of the model, for the line of progress.
+    Test samples judge the model that is saved, without another fit. The folds by which its last stage was judged are
+    not fitted again. what: of the model, for the line of progress.
     """
     model, start, loss = step.model, step.fit.parameters, step.loss
     if split.test.any():
         progress(f"error of {what} on the test samples")
         return predict_test(model, step.parameters, split.test, split.fit, loss)
+    if np.array_equal(step.held_out.fold, split.fold):
+        return step.held_out
     progress(f"cross-validation of {what}")
-    if loss == "linear" and (split.fold >= 0).sum() > _CHOSEN_ON:
+    if loss == "linear" and (split.fold >= 0).sum() >= MANY:
         return cross_validate_linearised(model, start, split.fold, settle=step.settle)
     folds = paced(progress, f"cross-validation of {what}, fold")
     return cross_validate(model, start, split.fold, loss, settle=step.settle, tick=folds)
@@ -232,6 +243,9 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
     nominal, step = chosen.nominal, chosen.step
     held_out = _final_held_out(step, split, progress, "the result")
     before = _final_held_out(nominal, split, progress, "the nominal geometry")
+    results = chosen.results
+    if not split.test.any():  # test samples are not those by which the stages were judged
+        results = with_errors_of_result(results, step, held_out)
     progress("uncertainty of the parameters")
     parameters = step.parameters.update(held_out.located)
     scores = pose_scores(step.model.part(split.fit), step.fit, recording.poses[split.fit])
@@ -254,7 +268,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         robot,
         step.model,
         solution,
-        chosen.results,
+        results,
         tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
         _held_out_summary(held_out),

@@ -26,7 +26,7 @@ from workbench.fitting.priors.trial_fits import fit_with_noise, solve_independen
 from workbench.machine.progress import counted
 
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-_MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
+MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
 
 
 @dataclass(frozen=True)
@@ -226,10 +226,36 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
 
     Of few samples each fold is a fit of its own: it differs much from that of all samples, and takes little time.
     """
-    if loss != "linear" or (split.fold >= 0).sum() < _MANY:
+    if loss != "linear" or (split.fold >= 0).sum() < MANY:
         return cross_validate(model, fit.parameters, split.fold, loss, steps, settle)
     steps = min(steps, _FOLD_STEPS)
     return cross_validate_linearised(model, fit.parameters, split.fold, steps, settle)
+
+
+def with_errors_of_result(results, step: Step, held_out: HeldOut) -> tuple[StageResult, ...]:
+    """The results of stages; the row of the last retained one has the size and the errors of the final model.
+
+    The final model differs from that at this stage where an earlier stage was left out after it, or samples far off.
+    step: with the final model; held_out: its errors.
+    """
+    last = max((k for k, row in enumerate(results) if row.earned), default=None)
+    if last is None:
+        return tuple(results)
+    numbers = _numbers(step, held_out)
+    return (*results[:last], replace(results[last], **numbers), *results[last + 1 :])
+
+
+def _numbers(step: Step, held_out: HeldOut) -> dict:
+    """Size and errors of the model of a step, as `StageResult` names them."""
+    errors, rotation = error_summary(step.fit.residual), held_out.rotation_rms
+    return {
+        "free": step.free,
+        "identifiable": step.rank,
+        "rms_mm": errors["rms_mm"],
+        "held_out_rms_mm": held_out.rms,
+        "rotation_rms_deg": errors.get("rotation_rms_deg"),
+        "held_out_rotation_rms_deg": None if rotation is None else float(np.rad2deg(rotation)),
+    }
 
 
 def _stage_result(stage, before: Step, after: Step, earned) -> StageResult:
@@ -238,19 +264,12 @@ def _stage_result(stage, before: Step, after: Step, earned) -> StageResult:
     verdict = f", lower in {(falls > 0).sum()} of {len(falls)} folds" + (
         "" if earned else ": not retained by cross-validation"
     )
-    errors = error_summary(after.fit.residual)
-    rotation = after.held_out.rotation_rms
     return StageResult(
-        stage.name,
-        stage.why,
-        after.free,
-        after.rank,
-        errors["rms_mm"],
-        after.held_out.rms,
-        earned,
-        f"{stage.name}: {change}{verdict}",
-        after.fit.outcome,
-        after.fit.history,
-        errors.get("rotation_rms_deg"),
-        None if rotation is None else float(np.rad2deg(rotation)),
+        name=stage.name,
+        why=stage.why,
+        earned=earned,
+        sentence=f"{stage.name}: {change}{verdict}",
+        outcome=after.fit.outcome,
+        history=after.fit.history,
+        **_numbers(after, after.held_out),
     )
