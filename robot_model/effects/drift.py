@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import THETA, link_lengths
+from robot_model.effects.after_recording import change_after_recording
 from robot_model.effects.transmission import size_of, turning_joints
 from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant
@@ -49,6 +50,9 @@ class LinkThermalGrowth(Effect):
         lengths = link_lengths(state.robot, self.number)[1]
         return (lengths[:, None] * warmth(state, self.column))[None]
 
+    def extrapolation(self, p, state, recorded=None):
+        return change_after_recording(self, p, state, recorded)
+
     @property
     def column(self):
         """Where the temperature of the link itself would be recorded."""
@@ -83,6 +87,9 @@ class JointThermalDrift(Effect):
 
     def basis(self, state):
         return warmth(state, self.column)[None, None]
+
+    def extrapolation(self, p, state, recorded=None):
+        return change_after_recording(self, p, state, recorded)
 
     @property
     def column(self):

@@ -254,11 +254,24 @@ class PeriodicMotion(Effect):
 
     def basis(self, state):
         """(2 x components, components, n)."""
-        phase = self.rate * covariate(state, "time")
+        return self._waves(covariate(state, "time"))
+
+    def extrapolation(self, p, state, recorded=None):
+        """(components, n) from the structure function over the recorded time: the rate is known only within it."""
+        low, high = (recorded or {}).get("time", (-np.inf, np.inf))
+        distance = distance_beyond(covariate(state, "time"), low, high)
+        if not distance.any():
+            return None
+        cycles = int(self.rate * (high - low) / np.pi) + 1
+        grid = np.linspace(low, high, grid_points(cycles))
+        return extrapolation_sigma(np.tensordot(p, self._waves(grid), 1), high - low, distance)
+
+    def _waves(self, time: np.ndarray) -> np.ndarray:
+        """(2 x components, components, n) at times (n,)."""
         count = len(self.sizes)
-        waves = np.stack([np.cos(phase), np.sin(phase)])
+        waves = np.stack([np.cos(self.rate * time), np.sin(self.rate * time)])
         each = np.einsum("st,vn->svtn", np.eye(count), waves)
-        return each.reshape(2 * count, count, state.n)
+        return each.reshape(2 * count, count, len(time))
 
 
 __all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]

@@ -6,6 +6,8 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import link_lengths
+from robot_model.effects.after_recording import change_after_recording
+from robot_model.effects.structure_function import distance_beyond
 from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 
@@ -114,6 +116,11 @@ class Loosening(Effect):
         grown = (clock(state) - self.start) / max(self.end - self.start, 1e-12)
         return out * np.clip(grown, 0.0, 1.0)
 
+    def extrapolation(self, p, state, recorded=None):
+        """(6, n): the sag may go on to grow as it did."""
+        late = distance_beyond(clock(state), self.start, self.end)
+        return np.abs(self.delta(p, state)) * late / max(self.end - self.start, 1e-12)
+
 
 def warm_up_variants(kind, chain) -> list[Variant]:
     """Time constants of a share of the recording's length at every place, where no temperature is recorded."""
@@ -160,6 +167,9 @@ class WarmUpLaw:
 
     def option_unit(self, chain, name):
         return "s" if "time_s" in chain.state.covariates else "samples"
+
+    def extrapolation(self, p, state, recorded=None):
+        return change_after_recording(self, p, state, recorded)
 
 
 class JointWarmUp(WarmUpLaw, Effect):

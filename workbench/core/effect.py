@@ -267,8 +267,9 @@ class Effect:
     ) -> np.ndarray | None:
         """(m, n) 1 sigma of what an empirical function leaves open beyond its recorded range, in its components.
 
-        It is the size of the function's changes over such a distance within the range; 0 within it. None for a law.
-        recorded: covariate, `q2` for joint 2, -> lowest and highest value (rad, mm), as far as they are known.
+        It is the size of the function's changes over such a distance within the range; 0 within it. A law of time is
+        as uncertain after the recording as its change since then. None for other laws.
+        recorded: covariate, `q2` for joint 2 or `time`, -> lowest and highest value (rad, mm, s), as far as known.
         """
         return None
 

@@ -109,6 +109,7 @@ def command(
             covariates_of,
             judge_targets,
         )
+        from workbench.jobs.robot.compensation.elapsed_time import elapsed_time_words
         from workbench.jobs.robot.compensation.switched_off import switched_off_warning
         from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
         from workbench.machine.progress import paced
@@ -123,7 +124,8 @@ def command(
         found = compensate_programme(arm, programme, covariates, tick)
         judged = judge_targets(arm, programme, found, limits)
         refused, forced = ({}, judged.refused) if force else (judged.refused, {})
-        notes = [*stated, *judged.warnings, *_changes(arm, programme, found), *_forced(forced)]
+        notes = [*stated, *elapsed_time_words(arm, found, covariates), *judged.warnings]
+        notes += [*_changes(arm, programme, found), *_forced(forced)]
         if off := switched_off_warning(solution_keys, arm, found.readings, covariates):
             notes.append(off)
         with runs.opened("compensate", targets.stem, out) as run:

@@ -73,8 +73,9 @@ def targets_on_session_clock(arm: CalibratedArm, programme):
     """A programme of targets with times that the model knows, and sentences on times that were replaced.
 
     programme: `workbench.files.targets.Programme`. A program runs after the recording, whether its table states times
-    or not: the arm is then as it was at the end of the recording, since no step or drift is known beyond it. Times of
-    a clock that the recording does not share say nothing.
+    or not. Functions of time keep their value at the end of the recording, and laws go on; what the arm may do after
+    the recording is part of the uncertainty of targets with times (`Effect.extrapolation`). Without times, or with
+    those of a clock that the recording does not share, correction and uncertainty are those at the end of it.
     """
     if arm.fitted_range is None or _TIME not in arm.fitted_range:
         return programme, []
@@ -84,16 +85,21 @@ def targets_on_session_clock(arm: CalibratedArm, programme):
     late = np.full(len(programme.readings), True) if times is None else times > end
     if not late.any():
         return replace(programme, covariates={**programme.covariates, _TIME: times}), []
-    known = np.full(len(late), end) if times is None else np.minimum(times, end)
-    what = (
-        f"{late.sum()} targets are"
-        if times is not None
-        else "The targets have no times on the clock of the recording: all are"
+    known = np.full(len(late), end) if times is None else times
+    named = ", ".join(
+        effect.title for effect in arm.acting_effects if is_function_of_time(arm, effect)
     )
-    sentence = (
-        f"{what} taken as later than the recording, with the arm as it was at the end of it ({end:.6g} s; "
-        f"{', '.join(clock_effects(arm))})."
-    )
+    named = f"; {named}" if named else ""
+    if times is None:
+        sentence = (
+            "The targets have no times on the clock of the recording: corrections and uncertainties are those at the "
+            f"end of it ({end:.6g} s{named}). Add the column {_TIME} where the program runs later."
+        )
+    else:
+        sentence = (
+            f"{late.sum()} targets are later than the recording, which ended at {end:.6g} s{named}: what is unknown "
+            "after it adds to their uncertainty."
+        )
     return replace(programme, covariates={**programme.covariates, _TIME: known}), [sentence]
 
 
@@ -131,7 +137,14 @@ def _end(arm: CalibratedArm) -> float:
 
 def clock_effects(arm: CalibratedArm) -> tuple[str, ...]:
     """Titles of the effects whose law is a function of the time."""
-    return tuple(effect.title for effect in arm.effects if "time" in effect.reads)
+    return tuple(effect.title for effect in arm.effects if is_function_of_time(arm, effect))
+
+
+def is_function_of_time(arm: CalibratedArm, effect) -> bool:
+    """Whether an effect reads the clock, also where it does so for want of a recorded temperature."""
+    read = {*effect.reads, *getattr(effect, "names", ())}
+    has_temperature = any("temperature" in name for name in arm.fitted_range or {})
+    return "time" in read or ("temperature" in read and not has_temperature)
 
 
 def clock_warning(arm: CalibratedArm, samples: Recording) -> str:

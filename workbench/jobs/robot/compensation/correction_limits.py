@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.errors import complaint
+from robot_model.effects.after_recording import CLOCK
 from robot_model.state import approaches_read, sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
@@ -467,8 +468,8 @@ def _other_covariates(arm, programme):
     for name, (low, high) in arm.fitted_range.items():
         values = programme.covariates.get(name)
         is_temperature = Covariate.of(name).kind == "temperature"
-        if name == LOAD or values is None or not (name in read or is_temperature):
-            continue
+        if name in (LOAD, CLOCK) or values is None or not (name in read or is_temperature):
+            continue  # the uncertainty grows with the time after the recording
         outside = _outside(values, low, high, high - low)
         yield _Coverage(name, values, low, high, "", outside, name in read)
 

@@ -1,7 +1,8 @@
-"""How far empirical functions of a calibrated arm may be off at targets beyond the range that they were fitted on."""
+"""How far functions of joint angles and of time may be off at targets beyond the range that they were fitted on."""
 
 import numpy as np
 
+from robot_model.effects.after_recording import CLOCK
 from robot_model.state import sliding
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -14,11 +15,13 @@ def extrapolation_mm(model: Model, parameters: Parameters, arm: CalibratedArm) -
     """(n,) mm: 1 sigma of the 3-D place of the measured point from what empirical functions leave open there.
 
     An error curve of a joint or a smooth function is known where samples support it. Beyond the last recorded sample
-    it may differ by as much as it changes over such a distance within the range (`Effect.extrapolation`). Functions of
-    different places, and the components of one, are independent.
+    it may differ by as much as it changes over such a distance within the range (`Effect.extrapolation`), and a drift
+    may go on after the recording. Functions of different places, and the components of one, are independent.
     """
     evaluation = model.evaluate(parameters)
     recorded = recorded_variables(arm)
+    if CLOCK in (arm.fitted_range or {}):
+        recorded["time"] = arm.fitted_range[CLOCK]
     squares = np.zeros(model.chain.n)
     for effect, span in zip(model.effects, model.spans):
         sigma = effect.extrapolation(parameters.values[span], model.chain.state, recorded)
