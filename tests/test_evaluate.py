@@ -241,6 +241,17 @@ def test_a_drift_of_the_calibration_is_not_repeated_on_a_later_recording(runs):
     assert not any("as measured after" in said for said in evaluate(moving, first).warnings)
 
 
+def test_base_and_tool_are_estimated_and_effects_of_the_base_are_not(runs):
+    """A drift of 1 mm that the recording does not have stays in the residual, whatever the pose of the base."""
+    arm = read_solution(runs / "run")
+    first = without_times(datasets.read(runs / "first"))
+    plain, moving = (evaluate(one, first, "base-and-tool") for one in (arm, drifting(arm, 59)))
+    assert plain.estimated == moving.estimated == moving.most_estimated == 12
+    left = np.linalg.norm(moving.refitted[:3] - plain.refitted[:3], axis=0)
+    assert np.sqrt((left**2).mean()) > 0.3
+    np.testing.assert_array_equal(moving.residual, moving.refitted)
+
+
 def test_a_part_of_the_calibrated_recording_keeps_its_instants(runs):
     """Every third sample, in another order, was measured where the complete recording has it."""
     arm = read_solution(runs / "run")

@@ -1,4 +1,4 @@
-"""What laws of time leave open after the recording that they were fitted on: a drift may go on, slow down or stop."""
+"""Uncertainty of laws of time after the recording that they were fitted on: a drift may go on, slow down or stop."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -15,6 +15,7 @@ from datasets.recording import Recording
 from robot_model.chain import forward
 from robot_model.measurements import measurement_of
 from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, quick_distances
+from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.system import bind, geometry_free
 from workbench.core.distributions import chi2
@@ -225,15 +226,23 @@ def row_mismatch(robot, recording, fit: Fit) -> np.ndarray:
 
 
 def tool_patterns(recording) -> tuple[str, ...]:
-    """Shell patterns of the measurement's own parameters: tool or sensor, and points that nobody measured."""
-    return tuple(
-        sorted({f"{p.key.partition('.')[0]}.*" for p in measurement_of(recording).parameters()})
-    )
+    """Keys of the measurement's own parameters: tool or sensor, and points that nobody measured.
+
+    Those of effects at the tool begin alike and are not among them.
+    """
+    return tuple(p.key for p in measurement_of(recording).parameters())
+
+
+def base_patterns(recording) -> tuple[str, ...]:
+    """Keys of the pose of the base; none where the base is the world."""
+    if measurement_of(recording).grounded:
+        return ()
+    return tuple(p.key for p in pose_parameters("base", "base"))
 
 
 def base_and_tool(recording) -> tuple[str, ...]:
-    """Shell patterns of everything but the geometry."""
-    return (*(() if measurement_of(recording).grounded else ("base.*",)), *tool_patterns(recording))
+    """Keys of everything but the geometry and effects."""
+    return (*base_patterns(recording), *tool_patterns(recording))
 
 
 class _Problem:

@@ -41,6 +41,7 @@ from workbench.fitting.cross_validation import (
     repeat_summary,
     samples_of_some_poses,
 )
+from workbench.fitting.frame_gauge import undetermined_offset_words, with_offset_priors
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
@@ -263,6 +264,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = in_root(step.model, parameters, shown)
     remaining_doubts = checked.doubts_about(step.model)
+    open_offsets = filter(None, [undetermined_offset_words(parameters, step.held)])
     return Calibration(
         recording,
         robot,
@@ -280,7 +282,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         points,
         arrows,
         tuple(int(i) for i in recording.sample_ids[~split.fit & ~split.test]),
-        (*checked.recording.warnings, *remaining_doubts),
+        (*checked.recording.warnings, *remaining_doubts, *open_offsets),
         dict(solution.provenance),
         rotation,
         split.fit,
@@ -291,8 +293,8 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
 
 def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
-    is_asked = parameters.mask | np.isin(parameters.keys, list(step.tied))
-    all_known_parameters = parameters.only(
+    is_asked = parameters.mask | np.isin(parameters.keys, [*step.tied, *step.held])
+    all_known_parameters = with_offset_priors(parameters, step.held).only(
         is_asked & ~step.model.shrunk
     )  # the terms of a series have no sentence of their own
     robot = step.model.chain.robot

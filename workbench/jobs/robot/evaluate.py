@@ -21,7 +21,7 @@ from workbench.core.text.csv_text import csv_text
 from workbench.files.solution_file import CalibratedArm
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
-from workbench.fitting.plausibility.fitting import base_and_tool, tool_patterns
+from workbench.fitting.plausibility.fitting import base_and_tool, base_patterns, tool_patterns
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
 from workbench.jobs.robot.compensation.compensate import covariates_read
 from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
@@ -367,7 +367,7 @@ def _count(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> int
 
 def _patterns(samples: Recording, refit: str) -> tuple[str, ...]:
     tool = tool_patterns(samples)
-    base = () if measurement_of(samples).grounded else ("base.*",)
+    base = base_patterns(samples)
     return {"none": (), "base": base, "tool": tool, "base-and-tool": (*base, *tool)}[refit]
 
 

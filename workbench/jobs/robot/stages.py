@@ -18,6 +18,7 @@ from workbench.files.results import StageResult
 from workbench.fitting.calibration_plans.plans import frames_of, held, stage_mask
 from workbench.fitting.calibration_plans.stage_tests import is_retained
 from workbench.fitting.cross_validation import HeldOut, Split, cross_validate, error_summary
+from workbench.fitting.frame_gauge import ROOT, undetermined_offsets, undetermined_root
 from workbench.fitting.gauge import non_negligible_lengths, resized, size_of
 from workbench.fitting.linear_folds import cross_validate_linearised
 from workbench.fitting.nonnegative import solve_nonnegative
@@ -31,7 +32,10 @@ MANY = 1000  # samples from which one linearisation serves all folds by which st
 
 @dataclass(frozen=True)
 class Step:
-    """Where a plan stands: the model so far, its fit on the fit samples, and its held-out error."""
+    """Where a plan stands: the model so far, its fit on the fit samples, and its held-out error.
+
+    `held`: keys of the tool's translations that are held, since the data do not determine them.
+    """
 
     model: Model
     parameters: Parameters
@@ -43,6 +47,7 @@ class Step:
     loss: str = "linear"
     settle: bool = False
     at_zero: frozenset[str] = frozenset()
+    held: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,6 +183,10 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     asked = int(wanted.mask.sum())
     wanted = wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
+    held = undetermined_offsets(part, trial) if stage.canonical else []
+    if held:
+        wanted = wanted.fix(*held)
+        trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
     model, free, tied = model.with_chain(chain), trial.parameters, {}
     if stage.canonical:
         free, tied = _canonical(part, trial, wanted)
@@ -201,7 +210,13 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
         stage.loss,
         stage.canonical,
         at_zero,
+        _still_held((*step.held, *held), fit.parameters),
     )
+
+
+def _still_held(keys: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
+    """The keys, each once, without those of parameters that are free."""
+    return tuple(k for k in dict.fromkeys(keys) if not parameters.mask[parameters.index[k]])
 
 
 def _canonical(model, trial: Fit, wanted: Parameters):
@@ -217,7 +232,9 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
     redundant = redundant_geometry(model.chain.robot)
     free, tied = independent(normal, others, redundant=redundant)
-    free = free.only(free.mask | (shrunk & trial.parameters.mask))
+    root = [key for key in undetermined_root(model, trial) if key not in tied]
+    tied = tied | {key: [ROOT[key]] for key in root}
+    free = free.only((free.mask & ~np.isin(free.keys, root)) | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
 
