@@ -35,6 +35,7 @@ from workbench.recordings.importing.segments.reading_changes import (
 from workbench.recordings.importing.segments.shifted_rows import refuse_shifted_rows
 from workbench.recordings.importing.sources.finding import is_mapped
 from workbench.recordings.importing.sources.header_problems import header_error
+from workbench.recordings.importing.sources.required_columns import with_required_columns
 from workbench.recordings.importing.sources.timed_join import ClockDecision, decide_offset
 
 _SEARCH_S = 15.0
@@ -135,6 +136,7 @@ def _with_robot(found, options, progress):
     missing = _missing(table, mapping)
     if missing:
         raise header_error(table, mapping, named, missing)
+    mapping = with_required_columns(table, mapping)
     if named is None:
         progress("comparing the built-in robots")
         named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
@@ -162,7 +164,11 @@ def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, 
         return Builder(rows, robot_position, robot, options).positions(mapping)
 
     arms = [robot for robot, _ in robots]
-    return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
+    try:
+        with limited(_SEARCH_S, _searching(progress, "comparing columns with unknown headers")):
+            return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
+    except OutOfTime:
+        return found.mapping, ()
 
 
 def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -> DecidedTable:
@@ -220,6 +226,8 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     except InputError:
         with _cut_short(progress, "looking for a unit that changes at a row"):
             refuse_changed_units(builder, mapping, None)
+        if options.mapping.measures is None:
+            _refuse_other_kind(robot, mapping, builder, None)
         raise
     fits = decision.fits
     is_good = bool(fits) and fits[0].is_good
@@ -299,8 +307,13 @@ def _robot_of(candidates: dict[str, Keys], table: RawTable, mapping: Mapping, op
     return candidates[chosen], (sentence,)
 
 
-def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: CandidateFit) -> None:
-    """Raise InputError where points fit in the frame of the other side: a sensor on the flange or an instrument."""
+def _refuse_other_kind(
+    robot, mapping: Mapping, builder: Builder, found: CandidateFit | None
+) -> None:
+    """Raise InputError where points fit in the frame of the other side: a sensor on the flange or an instrument.
+
+    found: fit as they are mapped; None where no reading of them fits.
+    """
     if mapping.measures not in _OTHER_KIND:
         return
     other = _OTHER_KIND[mapping.measures]
@@ -311,8 +324,9 @@ def _refuse_other_kind(robot, mapping: Mapping, builder: Builder, found: Candida
     best = decisions.compare(robot, readings, builder.complete)
     if best and best[0][1].is_good:
         raise InputError(
-            f"{builder.table.file}: expected points of kind {mapping.measures}, which fit with "
-            f"{found.rms_mm:.3g} mm, found that they fit as {other} ({best[0][1].words}); add "
+            f"{builder.table.file}: expected points of kind {mapping.measures}, which "
+            f"{'do not fit' if found is None else f'fit with {found.rms_mm:.3g} mm'}, found that they fit as {other} "
+            f"({best[0][1].words}); add "
             f'measures = "{other}" to a mapping file and name it with --map.'
         )
 

@@ -1,6 +1,7 @@
 """Sets of columns that belong together: joint readings, points, rotations; found from the headers of a table."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,7 @@ _MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1
 _TRANSFORMS = ((_MATRIX_NAMES, ("14", "24", "34")), (_MATRIX_FROM_0, ("03", "13", "23")))
 """Names of the rotation and of the last column of homogeneous transforms."""
 _NOA = ("nx", "ox", "ax", "ny", "oy", "ay", "nz", "oz", "az")
+_NUMBERED_AXIS = re.compile(r"(p|pos|point|m|marker|)([xyz])(\d{1,2})")
 SLURBT = ("s", "l", "u", "r", "b", "t")
 WORD_SETS = {
     "rpy": ("roll", "pitch", "yaw"),
@@ -92,7 +94,7 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
         made = _sets_of(same, table)
         found += [one for one in made if one.labels != "abc" or words not in longer]
     if not any(one.kind == "point" and not one.is_flange for one in found):
-        found += _spherical(table)
+        found += _spherical(table) or _numbered_points(headers)
     found = _with_quaternions_by_length(found, table)
     order = {name: k for k, name in enumerate(table.columns)}
     return sorted(found, key=lambda one: order[one.names[0]])
@@ -128,6 +130,19 @@ def _spherical(table: RawTable) -> list[ColumnSet]:
     names = tuple(header.name for header in headers)
     words = frozenset(word for header in headers for word in header.words) & MEASURED_WORDS
     return [ColumnSet("point", names, words, headers[0].unit, convention)]
+
+
+def _numbered_points(headers: Sequence[Header]) -> list[ColumnSet]:
+    """Points whose number stands behind the axis, as in x1, y1, z1, x2, y2, z2."""
+    by_number: dict[tuple[str, str], dict[str, Header]] = {}
+    for header in headers:
+        match = None if header.kind else _NUMBERED_AXIS.fullmatch(header.core)
+        if match:
+            by_number.setdefault((match[1], match[3]), {}).setdefault(match[2], header)
+    complete = [axes for axes in by_number.values() if len(axes) == len("xyz")]
+    return [
+        replace(_set("point", [axes[c] for c in "xyz"]), words=frozenset()) for axes in complete
+    ]
 
 
 def _object_of(header: Header) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from datasets.importers.sources.tables.packed_cells import list_in
 from datasets.importers.units import is_unit
@@ -21,8 +21,31 @@ _LABELLED = re.compile(
 _NUMBERED = re.compile(r"\s*([A-Za-z_]+\d+)\s*[:=]\s*(?=[A-Za-z]{0,4}[\[({])")
 """A name with a number in front of a list in brackets, as in "P17: {": it names the row, not the column."""
 _COUNTED = re.compile(r"([+-]?\d+):")
+_OPENED = re.compile(r'(?:^|[,;\t|])\s*"')
+_MOST_LINES = 40
 _KEPT = "\ue000"
 """Stands for a separator inside brackets while a line is divided; no text has this character of private use."""
+
+
+def whole_rows(lines: Iterable[str]) -> Iterator[tuple[int, str]]:
+    """(number of the first line, text) of each row; a quoted cell may go on over several lines (RFC 4180).
+
+    A quotation mark that no later line closes, such as that of an inch, ends nothing.
+    """
+    waiting: list[tuple[int, str]] = []
+    for number, line in enumerate(lines, 1):
+        is_odd = line.count('"') % 2 == 1
+        if not waiting and not (is_odd and _OPENED.search(line)):
+            yield number, line
+            continue
+        waiting.append((number, line))
+        if len(waiting) > 1 and is_odd:
+            yield waiting[0][0], " ".join(text.rstrip("\r\n") for _, text in waiting)
+            waiting = []
+        elif len(waiting) > _MOST_LINES:
+            yield from waiting
+            waiting = []
+    yield from waiting
 
 
 def split_cells(line: str, separator: str) -> list[str]:

@@ -20,7 +20,7 @@ from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.columns.words import accented_words, names_something
 from datasets.importers.source import RawTable
 from datasets.importers.sources.tables.axis_rows import find_axis_rows
-from datasets.importers.sources.tables.cells import labels_of, split_cells
+from datasets.importers.sources.tables.cells import labels_of, split_cells, whole_rows
 from datasets.importers.sources.tables.packed_cells import list_in, unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
 
@@ -68,7 +68,7 @@ def read_text_table(path: Path) -> RawTable:
     """
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
-        sample = list(islice(file, _SAMPLE_LINES))
+        sample = [line for _, line in islice(whole_rows(file), _SAMPLE_LINES)]
     layout = find_layout(sample, path)
     names, units = find_header(sample[: layout.first], layout)
     above = [split_cells(line, layout.separator) for line in sample[: layout.first]]
@@ -356,8 +356,8 @@ def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[s
 
 def _data_lines(path: Path, encoding: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
-        for number, line in enumerate(file, 1):
-            if number <= layout.first or not line.strip() or _COMMENT.match(line):
+        for place, (number, line) in enumerate(whole_rows(file)):
+            if place < layout.first or not line.strip() or _COMMENT.match(line):
                 continue
             cells = split_cells(line, layout.separator)
             while len(cells) > layout.width and not cells[-1]:

@@ -17,6 +17,7 @@ from datasets.importers.source import RawTable, Source
 from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions
 from workbench.recordings.importing.sources.header_problems import header_error
+from workbench.recordings.importing.sources.named_joints import with_named_joints
 from workbench.recordings.importing.sources.timed_join import TimedJoin
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
@@ -72,6 +73,8 @@ def find_mapping(
     if not source.tables:
         return Found(source, None, mapping, (), warnings)
     source = replace(source, tables=tuple(_with_time(table, mapping) for table in source.tables))
+    mapping = with_named_joints(source.tables, mapping, options.robot or mapping.robot)
+    options = replace(options, mapping=mapping)
     is_plain = not source.images and not source.clouds
     if is_plain and _may_be_target_poses(options):
         pair = two_pose_sets(source.tables, mapping)
