@@ -38,6 +38,7 @@ from workbench.fitting.plausibility.rows.change_points import (
     time_order,
 )
 from workbench.fitting.plausibility.rows.outliers import (
+    Reason,
     find_outliers,
     named_samples,
     outlier_reason,
@@ -60,6 +61,8 @@ _COMPUTED_MM = (
 )
 _LEAST_POSES = 4
 _EFFECT = 3.0
+_FAR_OF_LARGE_ERRORS = 5.0
+"""Times the median mismatch, about 8 standard deviations, where errors of the arm make most of the mismatch."""
 _MAJORITY, _NEARLY_ALL = 0.6, 0.9
 
 
@@ -203,7 +206,18 @@ def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Su
     if shifted:
         yield from shifted
         return
-    yield from misfit_suspicions(robot, recording, fit, scale_of_good_fit)
+    unexplained = list(misfit_suspicions(robot, recording, fit, scale_of_good_fit))
+    yield from unexplained
+    if all(suspicion.cause == "unexplained" for suspicion in unexplained):
+        yield from _isolated_rows(robot, recording, fit, named)
+
+
+def _isolated_rows(robot, recording, fit: Fit, named: str) -> Iterator[Suspicion]:
+    """Rows that a gap separates from the others, where an inaccurate arm puts all rows off."""
+    isolated = find_outliers(robot, recording, fit, floor=np.inf, far=_FAR_OF_LARGE_ERRORS)
+    if isolated is not None:
+        reason = Reason(isolated.likely_cause, "blunders", False)
+        yield _outlying(recording, isolated, reason, named)
 
 
 def _moved_or_explained(robot, recording, fit, scale_of_good_fit, change) -> list[Suspicion]:

@@ -8,11 +8,13 @@ import numpy as np
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import (
+    EXPLAINED,
     Fit,
     base_and_tool,
     fit_recording,
     model_at,
     reach_of,
+    scatter_of_points,
 )
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 from workbench.fitting.plausibility.joint_columns.columns_at_rest import (
@@ -34,6 +36,8 @@ from workbench.fitting.plausibility.wording import (
 
 _FALLS = 3.0
 """Factor by which a correction has to lower the misfit."""
+_FALLS_FAR = 6.0
+"""The same where the corrected data do not fit well either."""
 _EVIDENCE = 30.0
 """Difference of the negative log posteriors: odds of 10^13."""
 _LEAST_DEGREES = 12
@@ -69,17 +73,41 @@ def misfit_suspicions(
     if found:
         yield _explained(robot, recording, recorded, found, scale_of_good_fit)
     else:
+        coarse = [e for e in search.explanations if _is_far_better(e, recording, recorded)]
+        if coarse:
+            yield _explained(robot, recording, recorded, _plainest(coarse), scale_of_good_fit)
+            return
         yield from _unexplained(robot, recording, recorded, scale_of_good_fit)
 
 
 def _accepted(explanations, recorded: Fit, scale_of_good_fit) -> list[Explanation]:
     """Explanations that fit well with plausible geometry where the recorded data do not, the plainest first."""
     plausible = [e for e in explanations if _is_accepted(e, recorded, scale_of_good_fit)]
-    if not plausible:
-        return []
-    best = min(e.fit.scale for e in plausible)
-    close = [e for e in plausible if e.fit.scale <= max(CLOSE * best, best + 0.05)]
+    return _plainest(plausible) if plausible else []
+
+
+def _plainest(explanations) -> list[Explanation]:
+    """Those that fit about as well as the best one, the plainest first."""
+    best = min(e.fit.scale for e in explanations)
+    close = [e for e in explanations if e.fit.scale <= max(CLOSE * best, best + 0.05)]
     return sorted(close, key=lambda e: (e.correction.parts, rank(e), e.fit.scale))
+
+
+def _is_far_better(explanation, recording, recorded: Fit) -> bool:
+    """Whether a correction explains the points of an arm with large errors, which the recorded data do not.
+
+    The misfit then stays above that of a good fit, but far below the scatter of the points (the data as recorded: not),
+    and falls by a large factor.
+    """
+    scatter = scatter_of_points(recording)
+    scale = explanation.correction.comparable(explanation.fit.scale)
+    gain = recorded.improbability - explanation.fit.improbability
+    return (
+        scale <= EXPLAINED * scatter < recorded.scale
+        and _FALLS_FAR * scale < recorded.scale
+        and _worst(explanation.fit) <= _PLAUSIBLE
+        and gain > _EVIDENCE
+    )
 
 
 _FEW_SIGNS = 2
@@ -143,7 +171,8 @@ def _explained(robot, recording, recorded, found, scale_of_good_fit) -> Suspicio
     )
     sentence = correction_sentence(recording, recorded, best, others)
     alternatives = tuple(dict.fromkeys(other.cause for other in others[:1]))
-    return Suspicion(sentence, certain, best.correction.cause, alternatives)
+    cause = best.correction.cause
+    return Suspicion(sentence, certain, cause, alternatives, is_explanation=True)
 
 
 def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
@@ -227,10 +256,11 @@ def _named(recording) -> str:
     return f"samples.csv of recording '{recording.name}'"
 
 
-def _fits(recorded, scale_of_good_fit) -> str:
+def _fits(recorded, scale_of_good_fit, reach_mm: float = 0.0) -> str:
+    share = f" ({100 * recorded.scale / reach_mm:.2g} % of the arm's reach)" if reach_mm > 0 else ""
     return (
-        f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only, where at most "
-        f"about {scale_of_good_fit:.2g} mm are expected"
+        f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only{share}, where "
+        f"at most about {scale_of_good_fit:.2g} mm are expected"
     )
 
 
@@ -243,7 +273,7 @@ def doubtful_columns(recording, recorded, scale_of_good_fit) -> Iterator[Suspici
 
 
 def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Suspicion]:
-    named, fits = _named(recording), _fits(recorded, scale_of_good_fit)
+    named, fits = _named(recording), _fits(recorded, scale_of_good_fit, reach_of(robot, recording))
     sentences = (
         list(doubtful_columns(recording, recorded, scale_of_good_fit))
         if recorded.scale > _FAR * scale_of_good_fit
@@ -259,14 +289,12 @@ def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Susp
             "rows-shuffled",
         )
     elif not sentences and recorded.scale > _FAR * scale_of_good_fit:
-        yield from _unknown_cause(robot, recording, recorded, named, fits)
+        yield from _unknown_cause(named, fits)
 
 
-def _unknown_cause(robot, recording, recorded, named, fits) -> Iterator[Suspicion]:
-    reach = reach_of(robot, recording)
-    share = f" ({100 * recorded.scale / reach:.2g} % of the arm's reach)" if reach > 0 else ""
+def _unknown_cause(named, fits) -> Iterator[Suspicion]:
     yield Suspicion(
-        f"{named}: {fits}{share}, and no single mistake that is searched for explains it; "
+        f"{named}: {fits}, and no single mistake that is searched for explains it; "
         "check that the robot file describes this arm with its zero offsets, the units and signs of the columns, and "
         "that each row holds joints and measurement of one moment.",
         False,

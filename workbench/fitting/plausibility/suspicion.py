@@ -15,7 +15,7 @@ class Suspicion:
     the sentence names as equally good explanations. `rows`: indices of the rows that the sentence names, () where it
     is about all rows. `instant`: sample numbers before and after a jump; None where nothing jumps. `robot_keys`:
     keys of robot.toml that explain the recording and replace those of the file, with the words `use` for them; empty
-    where the sentence is about something else.
+    where the sentence is about something else. `is_explanation`: one correction of the data explains their misfit.
     """
 
     sentence: str
@@ -26,3 +26,4 @@ class Suspicion:
     instant: tuple[int, int] | None = None
     robot_keys: Mapping = field(default_factory=dict)
     use: str = ""
+    is_explanation: bool = False

@@ -11,6 +11,7 @@ from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.robot_files.far_geometry import (
     CAUSE,
     OTHER_ROBOT,
@@ -23,6 +24,16 @@ from workbench.recordings.importing.interpretation.fits import CandidateFit, com
 
 _SHIFTED = "rows-shifted"
 _NAMED_ROWS = 12
+_NO_MISTAKE_OF_ALL_ROWS = (
+    "unexplained",
+    "blunders",
+    "sigma",
+    "payload",
+    "temperature",
+    "time",
+    "few-poses",
+)
+"""Causes of suspicions that say nothing against columns, order of rows or robot."""
 
 
 def check_fit(
@@ -48,13 +59,18 @@ def check_fit(
     found = check_plausibility(robot, recording)
     if found and all(suspicion.robot_keys for suspicion in found):
         return tuple(suspicion.sentence for suspicion in found)
+    if best is not None and best.explains:
+        others = [one for one in found if one.cause not in _NO_MISTAKE_OF_ALL_ROWS]
+        if not others:
+            rows = [_with_lines(s, recording, of_sample) for s in found if s.cause != "unexplained"]
+            return (_large_errors(robot, recording, best), *rows, *_copied_rows(whole, lines))
     if not any(suspicion.certain for suspicion in found):
         rotations = _wrong_rotations(robot, recording)
         if rotations and not trust_data:
             raise InputError(naming_option(rotations))
         if rotations:
             return (accepted_by_option(rotations),)
-    sentence = found[0].sentence if found else _sentence(robot, best)
+    sentence = _with_share(found[0], best) if found else _sentence(robot, best)
     if best is None and not found:
         return (sentence,)
     if not trust_data:
@@ -104,10 +120,18 @@ def _with_lines(suspicion: Suspicion, recording, lines: np.ndarray) -> str:
     rows = np.array(suspicion.rows, int)
     if not len(rows) or (lines[rows] == recording.sample_ids[rows]).all():
         return suspicion.sentence
-    named = [str(line) for line in lines[rows[:_NAMED_ROWS]]]
-    more = [f"{len(rows) - _NAMED_ROWS} more"] if len(rows) > _NAMED_ROWS else []
-    noun = "rows" if len(rows) > 1 else "row"
-    return f"{suspicion.sentence} In the file: {noun} {listed([*named, *more])}."
+    # a row of the table with several reflectors makes several samples
+    named = list(dict.fromkeys(lines[rows].astype(str).tolist()))
+    more = [f"{len(named) - _NAMED_ROWS} more"] if len(named) > _NAMED_ROWS else []
+    noun = "rows" if len(named) > 1 else "row"
+    return f"{suspicion.sentence} In the file: {noun} {listed([*named[:_NAMED_ROWS], *more])}."
+
+
+def _with_share(suspicion: Suspicion, best: CandidateFit | None) -> str:
+    """The sentence of a suspicion; of a misfit that nothing explains, with the limit."""
+    if best is None or suspicion.cause != "unexplained" or not best.share_words:
+        return suspicion.sentence
+    return f"{suspicion.sentence.removesuffix('.')}. The misfit is {best.share_words.removeprefix(', ')}."
 
 
 def _sentence(robot: Robot, best: CandidateFit | None) -> str:
@@ -117,8 +141,20 @@ def _sentence(robot: Robot, best: CandidateFit | None) -> str:
             "before you use the result."
         )
     return (
-        f"The recording does not fit '{robot.name}' under any reading of its columns (best {best.words}); check that "
-        "the robot is the right one, that joint and measured rows belong together, and the mapping."
+        f"The recording does not fit '{robot.name}' under any reading of its columns (best {best.words}"
+        f"{best.share_words}); check that the robot is the right one, that joint and measured rows belong together, "
+        "and the mapping."
+    )
+
+
+def _large_errors(robot: Robot, recording, best: CandidateFit) -> str:
+    """What a misfit means that is larger than that of an accurate arm, and far below the scatter of the points."""
+    return (
+        f"The recording fits '{robot.name}' with large errors only ({best.words}, {100 * best.share:.2g} % of the "
+        f"scatter of the measured points; {good_scale(robot, recording):.2g} mm or less are usual). No mistake was "
+        "found that explains them: the arm or the instrument may be this inaccurate. Check the robot file with its "
+        "zero offsets, and that each row holds joints and measurement of one moment; a calibration says how much "
+        "remains on poses that it was not fitted to."
     )
 
 

@@ -15,7 +15,7 @@ from workbench.fitting.plausibility.hypotheses.row_corrections import (
 )
 from workbench.fitting.plausibility.joint_columns.columns_at_rest import longest_run
 
-_FAR = 10.0
+FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
 _MOST_ISOLATED, _GAP = 0.2, 2.0
 """Share of the rows that may be isolated, and how many times the next smaller mismatch they reach at least."""
@@ -57,19 +57,20 @@ class Outliers:
         return "gross errors of single measurements are the likely cause"
 
 
-def find_outliers(robot, recording, fit, floor: float) -> Outliers | None:
+def find_outliers(robot, recording, fit, floor: float, far: float = FAR) -> Outliers | None:
     """Rows far off the fit, of all rows of the recording; None where there are none.
 
     floor: mm by which unmodelled effects may put a single row off. Below it, rows are outliers only where a gap
     separates them from all others: unmodelled effects fill the range between the typical and the largest mismatch.
+    far: times the median mismatch that an outlier reaches at least.
     """
     mismatch = row_mismatch(robot, recording, fit)
     median = float(np.median(mismatch))
-    far = mismatch > _FAR * median
-    rows = np.flatnonzero(far & (mismatch > floor))
+    is_far = mismatch > far * median
+    rows = np.flatnonzero(is_far & (mismatch > floor))
     is_small = not len(rows)
     if is_small and fit.degrees >= _LEAST_SPARE_DEGREES:
-        rows = np.flatnonzero(far & _is_isolated(mismatch))
+        rows = np.flatnonzero(is_far & _is_isolated(mismatch))
         if len(rows) and _is_condition(recording, rows):
             return None
     if not len(rows):

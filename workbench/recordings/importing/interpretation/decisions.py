@@ -29,7 +29,11 @@ from workbench.core.deadline import OutOfTime
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import Suspicion, check_plausibility
 from workbench.fitting.plausibility.hypotheses.coupling_corrections import CAUSE
-from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
+from workbench.recordings.importing.interpretation.fits import (
+    AS_WIDE_AS_THE_ARM,
+    CandidateFit,
+    compare_readings,
+)
 from workbench.recordings.importing.interpretation.mixed_units import (
     MOST_COLUMNS,
     WIDEST_DEG,
@@ -45,8 +49,6 @@ _ABOUT_AS_BAD = 1.5
 _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
-
-_AS_WIDE_AS_THE_ARM = ("external-point", "external-pose", "partial-pose")
 
 REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
@@ -104,6 +106,8 @@ def decide_units(case: UnitCase, refuse: Callable[[], None] = lambda: None) -> D
             where = f"{case.called}, units of the prismatic joints"
             return decided(others, other_fits, where, ask, unit_lines)
         refuse()
+        if _explain_better(other_fits, fits):
+            readings, fits, is_stated = others, other_fits, False
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
     where = f"{case.called}, units of the joint readings and the point"
@@ -120,6 +124,13 @@ def decide_units(case: UnitCase, refuse: Callable[[], None] = lambda: None) -> D
         return decided(readings, fits, where, ask, unit_lines)
     except InputError as problem:
         raise InputError(f"{problem}{stopped}") from None
+
+
+def _explain_better(others, fits) -> bool:
+    """Whether the first of other fits explains the points of an inaccurate arm, clearly better than all `fits`."""
+    if not others or not others[0][1].explains:
+        return False
+    return all(others[0][1].clearly_beats(fit) for _, fit in fits)
 
 
 def _searched(case: UnitCase, readings, fits) -> Decision | None:
@@ -225,7 +236,7 @@ def _scale_of_extent(case: UnitCase, mapping: Mapping) -> float:
 
     0 where the points are in the frame of a sensor on the flange: their extent is then that of its field.
     """
-    if mapping.point is None or mapping.measures not in _AS_WIDE_AS_THE_ARM:
+    if mapping.point is None or mapping.measures not in AS_WIDE_AS_THE_ARM:
         return 0.0
     recording = case.build(mapping)
     places = forward(case.robot, case.robot.mixing @ recording.joints.T).end_origin
@@ -252,7 +263,7 @@ def _mistakes(case: UnitCase, mappings: Sequence[Mapping]):
         suspicions = check_plausibility(case.robot, case.build(mapping))
         certain = certain_mistakes(suspicions, mapping)
         found += [(s.cause.count(" and "), s, mapping) for s in certain]
-        warnings += [s for s in suspicions if s.cause in _DOUBTS]
+        warnings += [s for s in suspicions if s.cause in _DOUBTS or s.is_explanation]
         if any(count == 0 for count, _, _ in found):
             break
     if not found:

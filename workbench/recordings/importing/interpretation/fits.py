@@ -1,7 +1,9 @@
 """How well a robot fits a recording under each of several readings of its columns (units, rotation convention).
 
 All readings are fitted with base and tool alone; the best ones with plausible geometry errors too, by the robust fit
-of the plausibility check. Two readings are compared by the log posterior of that fit.
+of the plausibility check. Two readings are compared by the log posterior of that fit. Points that an instrument
+measured are as wide as the motion of the arm: their misfit counts in relation to their scatter, because a unit that
+makes the points small makes their misfit small too.
 """
 
 from collections.abc import Sequence
@@ -14,7 +16,13 @@ from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.check import good_scale
-from workbench.fitting.plausibility.fitting import fit_recording, hopeless_mm, nominal_scales
+from workbench.fitting.plausibility.fitting import (
+    EXPLAINED,
+    fit_recording,
+    hopeless_mm,
+    nominal_scales,
+    scatter_of_points,
+)
 from workbench.fitting.plausibility.sampling import even_rows
 
 _ROWS = 100
@@ -24,11 +32,16 @@ _DECISIVE_LOG = 20.0
 _DECISIVE_RATIO = 1.25
 _MANY_STEPS = 40
 _LEAST_SCALE = 0.005  # mm: differences below are rounding
+AS_WIDE_AS_THE_ARM = ("external-point", "external-pose", "partial-pose")
+"""Kinds of measurement whose points scatter as far as the arm moves."""
 
 
 @dataclass(frozen=True)
 class CandidateFit:
-    """The fit of one reading: RMS of the best 90 % of rows, `scale` mm of both together, and how improbable it is."""
+    """The fit of one reading: RMS of the best 90 % of rows, `scale` mm of both together, and how improbable it is.
+
+    `scatter_mm`: of the measured points under this reading; nan where the points are not as wide as the arm's motion.
+    """
 
     title: str
     rms_mm: float
@@ -36,6 +49,25 @@ class CandidateFit:
     scale: float
     improbability: float
     is_good: bool
+    scatter_mm: float = np.nan
+
+    @property
+    def explains(self) -> bool:
+        """Whether the misfit is far below the scatter of the points, whatever the accuracy of the arm."""
+        return bool(self.share <= EXPLAINED)
+
+    @property
+    def share(self) -> float:
+        """Misfit as a share of the scatter of the points; nan where these are not as wide as the arm's motion."""
+        return self.scale / self.scatter_mm
+
+    @property
+    def share_words(self) -> str:
+        """ ", 12 % of the scatter of the points, where ..."; "" without a scatter."""
+        if np.isnan(self.scatter_mm):
+            return ""
+        limit = f"at most {100 * EXPLAINED:g} % are accepted"
+        return f", {100 * self.share:.2g} % of the scatter of the points, where {limit}"
 
     @property
     def words(self) -> str:
@@ -48,11 +80,14 @@ class CandidateFit:
         degrees = None if np.isnan(self.rms_deg) else self.rms_deg
         return {"name": self.title, "rms_mm": self.rms_mm, "rms_deg": degrees}
 
+    @property
+    def relative_misfit(self) -> float:
+        """Misfit in relation to the scatter of the points; in mm where they are not as wide as the arm's motion."""
+        return max(self.scale, _LEAST_SCALE) / _unit_of_misfit(self.scatter_mm)
+
     def clearly_beats(self, other: "CandidateFit") -> bool:
         """Whether the data decide against another reading: it is far less probable, and fits visibly worse."""
-        mine = max(self.scale, _LEAST_SCALE)
-        its = max(other.scale, _LEAST_SCALE)
-        is_worse = its > _DECISIVE_RATIO * mine
+        is_worse = other.relative_misfit > _DECISIVE_RATIO * self.relative_misfit
         return is_worse and other.improbability - self.improbability > _DECISIVE_LOG
 
 
@@ -65,19 +100,20 @@ def compare_readings(
     """Index and fit of the readings worth comparing, the most probable first.
 
     readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with
-    the nominal geometry is `_WINDOW` times the least one are left out. is_good_only: as are those that no plausible
-    geometry errors make fit. Empty where no reading can be fitted.
+    the nominal geometry, in relation to the scatter of the points, is `_WINDOW` times the least one are left out.
+    is_good_only: as are those that no plausible geometry errors make fit. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
-    quick = nominal_scales([(robot, reading) for _, reading in thinned])
+    units = np.array([_unit_of_misfit(_scatter(reading)) for _, reading in thinned])
+    quick = np.array(nominal_scales([(robot, reading) for _, reading in thinned])) / units
     order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
     if not order:
         return []
     usual = [k for k in range(min(_USUAL, refined)) if k in order[refined:]]
-    limit = _WINDOW * max(quick[order[0]], 1.0)
-    if is_good_only:
-        limit = min(limit, max(hopeless_mm(robot, thinned[k][1]) for k in order))
+    limit = _WINDOW * max(quick[order[0]], 1.0 / units[order[0]])
     retained = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
+    if is_good_only:
+        retained = [k for k in retained if quick[k] * units[k] <= hopeless_mm(robot, thinned[k][1])]
     fitted = []
     for k in retained:
         fit = _refined(robot, *thinned[k])
@@ -113,11 +149,22 @@ def _refined(robot: Robot, title: str, reading: Recording) -> CandidateFit | Non
         return None
     if not np.isfinite(fit.scale):
         return None
+    scatter = _scatter(reading)
+    # the noise counts in units of the points, whose prior knows no unit
+    improbability = fit.improbability - fit.degrees * np.log(_unit_of_misfit(scatter))
+    is_good = fit.core <= good and not fit.core > EXPLAINED * scatter
     return CandidateFit(
-        title,
-        fit.position_mm,
-        fit.rotation_deg,
-        fit.scale,
-        fit.improbability,
-        bool(fit.core <= good),
+        title, fit.position_mm, fit.rotation_deg, fit.scale, improbability, bool(is_good), scatter
     )
+
+
+def _scatter(recording: Recording) -> float:
+    """mm of the measured points; nan where they are not as wide as the arm's motion."""
+    if recording.measures not in AS_WIDE_AS_THE_ARM:
+        return np.nan
+    return scatter_of_points(recording)
+
+
+def _unit_of_misfit(scatter_mm: float) -> float:
+    """The length that a misfit counts in relation to: the scatter, 1 mm where there is none."""
+    return 1.0 if np.isnan(scatter_mm) else scatter_mm

@@ -12,7 +12,7 @@ from datasets.importers.units import ANGLES, LENGTHS
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.fitting import nominal_scale
+from workbench.fitting.plausibility.fitting import nominal_scale, scatter_of_points
 from workbench.fitting.plausibility.sampling import even_rows
 
 Build = Callable[[Mapping], Recording]
@@ -32,7 +32,7 @@ def mixed_unit_mappings(
     """The mappings with `count` joint columns in another unit that leave the least misfit, the best first.
 
     build: makes the recording of positions. stated_only: keep to the units that headers or mapping state. The misfit
-    is compared in relation to the extent of the measured points: a wrong unit makes both small.
+    is compared in relation to the scatter of the measured points: a wrong unit makes both small.
     """
     screened = []
     for interpretation in _mixed(mapping, count, stated_only):
@@ -67,7 +67,7 @@ def _unit_choices(mapping: Mapping, count: int, stated_only: bool) -> Iterator[t
 def relative_misfit(
     robot: Robot, mapping: Mapping, build: Build, widest_deg: float = np.inf
 ) -> float:
-    """Misfit at the nominal geometry as a fraction of the extent of the measured points; inf where it cannot be.
+    """Misfit at the nominal geometry as a fraction of the scatter of the measured points; inf where it cannot be.
 
     widest_deg: a larger angle cannot be either.
     """
@@ -82,13 +82,5 @@ def relative_misfit(
         misfit = nominal_scale(robot, rows)
     except (np.linalg.LinAlgError, InputError):
         return np.inf
-    return misfit / _extent(rows)
-
-
-def _extent(recording: Recording) -> float:
-    """RMS distance of the measured points from their mean, mm; 1 where nothing is measured in coordinates."""
-    if not {"x_mm", "y_mm", "z_mm"} <= set(recording.columns):
-        return 1.0
-    points = np.stack([recording.columns[f"{axis}_mm"] for axis in "xyz"])
-    spread = np.sqrt(((points - points.mean(1, keepdims=True)) ** 2).sum(0).mean())
-    return max(float(spread), 1e-9)
+    scatter = scatter_of_points(rows)
+    return misfit if np.isnan(scatter) else misfit / scatter
