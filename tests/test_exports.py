@@ -105,6 +105,25 @@ def test_opencv_itself_reads_its_file(tmp_path):
     np.testing.assert_allclose(file.getNode("distortion_coefficients").mat()[0], BROWN.distortion)
 
 
+def test_files_tell_the_four_coefficients_of_a_fisheye_from_k1_k2_p1_p2(tmp_path):
+    """OpenCV's calibration sample names the model in `fisheye_model`, ROS in `distortion_model`."""
+    import cv2
+
+    values = [500.0, 500.0, 640.0, 480.0, 0.05, -0.02, 0.003, -0.001]
+    fisheye, brown = Camera.of(values, (1280, 960)), Camera.of([*values, 0.0], (1280, 960))
+    texts = {camera: camera_text(camera, "opencv") for camera in (fisheye, brown)}
+    for camera, text in texts.items():
+        path = tmp_path / "camera.yml"
+        path.write_text(text)
+        file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        assert file.getNode("fisheye_model").real() == camera.is_fisheye
+        assert read_camera_text(text, "opencv") == camera
+    short = camera_text(brown, "ros").replace(", 0.0]", "]", 1)
+    assert len(short) < len(camera_text(brown, "ros"))
+    assert read_camera_text(short, "ros") == brown
+    assert read_camera_text(camera_text(fisheye, "ros"), "ros") == fisheye
+
+
 @pytest.mark.parametrize("name", CAMERA_FORMATS)
 @pytest.mark.parametrize("text", ["", "[1]", "cam0: {", "camera_matrix: 3"])
 def test_a_broken_camera_file_is_a_sentence(name, text):

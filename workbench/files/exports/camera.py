@@ -82,16 +82,21 @@ def _ros(camera: Camera) -> str:
 
 def _from_ros(keys) -> Camera:
     size = keys["image_width"], keys["image_height"]
-    return _camera(keys["camera_matrix"]["data"], keys["distortion_coefficients"]["data"], size)
+    is_fisheye = keys["distortion_model"] == "equidistant"
+    return _camera(keys, size, is_fisheye)
 
 
 def _opencv(camera: Camera) -> str:
-    """OpenCV's FileStorage, as its own calibration sample writes it."""
+    """OpenCV's FileStorage, as its own calibration sample writes it.
+
+    `fisheye_model` is the sample's key: 1 says that the four coefficients are those of cv2.fisheye, not k1 k2 p1 p2.
+    """
     import cv2
 
     storage = cv2.FileStorage("camera.yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.size[0])
     storage.write("image_height", camera.size[1])
+    storage.write("fisheye_model", int(camera.is_fisheye))
     storage.write("camera_matrix", camera.matrix)
     storage.write("distortion_coefficients", np.array([camera.distortion]))
     return storage.releaseAndGetString()
@@ -99,7 +104,7 @@ def _opencv(camera: Camera) -> str:
 
 def _from_opencv(keys) -> Camera:
     size = keys["image_width"], keys["image_height"]
-    return _camera(keys["camera_matrix"]["data"], keys["distortion_coefficients"]["data"], size)
+    return _camera(keys, size, bool(keys.get("fisheye_model")))
 
 
 def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
@@ -161,8 +166,12 @@ def _from_kalibr(keys) -> Camera:
     return Camera.of(values, camera["resolution"])
 
 
-def _camera(matrix, distortion, size) -> Camera:
-    matrix = np.reshape(matrix, (3, 3))
+def _camera(keys, size, is_fisheye: bool) -> Camera:
+    """Four coefficients are k1 k2 p1 p2, with k3 = 0, unless the file names the fisheye model."""
+    matrix = np.reshape(keys["camera_matrix"]["data"], (3, 3))
+    distortion = list(keys["distortion_coefficients"]["data"])
+    if len(distortion) == 4 and not is_fisheye:
+        distortion.append(0.0)
     return Camera.of(
         np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion]), size
     )
