@@ -25,6 +25,7 @@ from scenes import (
 )
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
+from workbench.fitting.checked_samples import check_samples
 
 EVERY_KIND = pytest.mark.parametrize("measures", KINDS)
 CLOSED = {
@@ -210,9 +211,20 @@ def test_sample_numbers_are_those_of_the_file():
 def test_a_kind_that_moves_no_chain_is_a_sentence():
     made = scene("external-point", n=12)
     with pytest.raises(
-        InputError, match="'board-images' cannot be calibrated; expected one of ball-centre"
+        InputError,
+        match="'board-images' cannot be calibrated as an arm; expected one of ball-centre",
     ):
         measurement_of(replace(made.recording, measures="board-images"))
+
+
+@pytest.mark.parametrize(
+    ("measures", "command"), [("target-pose", "handeye"), ("board-images", "camera")]
+)
+def test_a_recording_without_joints_names_the_command_that_takes_it(measures, command):
+    """Before anything is asked of a robot that such a recording does not have."""
+    other = replace(scene("external-point", n=12).recording, measures=measures, robot={})
+    with pytest.raises(InputError, match=f"'{measures}' cannot be .* use `workbench {command}`"):
+        check_samples(other)
 
 
 def test_arrows_and_points_stand_in_the_root_frame():

@@ -197,6 +197,11 @@ CASES = [
         (ROBOT, "joint 1", "limits_deg", "swap"),
     ),
     Case(
+        "limits of a joint that stands still",
+        sub(ROBOT, r"\[-190, 190\]", "[0, 0]"),
+        (ROBOT, "joint 1", "limits_deg", "remove the key limits_deg"),
+    ),
+    Case(
         "sign is two",
         sub(ROBOT, "hayati = false", "hayati = false\nsign = 2"),
         (ROBOT, "joint 1", "sign", "correct"),

@@ -97,6 +97,15 @@ def test_without_noise_the_sentence_says_so():
     )
 
 
+def test_two_quantities_share_one_sentence_on_unknown_noise():
+    both = combine([judge(Residual(0.1)), judge(Residual(0.2, "deg"))])
+    assert both.sentence == (
+        "RMS residual 0.1 mm. RMS residual 0.2 deg. The noise is unknown (not stated, and too few repeated "
+        "measurements), so that these values cannot be compared with it."
+    )
+    assert all("the noise is unknown" in part.sentence for part in both.parts)
+
+
 def test_position_and_orientation_pass_only_together():
     limits = parse_tolerances(["0.1mm", "0.05deg"], ("mm", "deg"))
     position = judge(Residual(0.02), Noise(0.02), limits)

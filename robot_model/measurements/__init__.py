@@ -58,12 +58,27 @@ def end_recordings(recording) -> tuple:
     return recording, second_ends(recording)
 
 
+_OTHER_COMMAND = {
+    "target-pose": "`workbench handeye`",
+    "board-images": "`workbench camera` or `workbench handeye`",
+}
+"""What takes a recording that says nothing about the joints."""
+
+
+def check_measures(recording) -> None:
+    """Raise InputError for a recording of a kind that does not calibrate an arm, with the command that takes it."""
+    if recording.measures in KINDS:
+        return
+    other = _OTHER_COMMAND.get(recording.measures)
+    remedy = f"; use {other} for this recording" if other else ""
+    raise InputError(
+        f"recording.toml of '{recording.name}', key measures: '{recording.measures}' cannot be calibrated as an arm; "
+        f"expected one of {', '.join(KINDS)}{remedy}"
+    )
+
+
 def measurement_of(recording):
     """The measurement that `recording.measures` names; InputError for one that is not known here."""
-    if recording.measures not in KINDS:
-        raise InputError(
-            f"recording.toml of '{recording.name}', key measures: '{recording.measures}' cannot be calibrated; "
-            f"expected one of {', '.join(KINDS)}"
-        )
+    check_measures(recording)
     module = import_module("robot_model.measurements." + recording.measures.replace("-", "_"))
     return getattr(module, KINDS[recording.measures]).of(recording)

@@ -11,7 +11,7 @@ import numpy as np
 from datasets.recording import Recording
 from datasets.trust import accepted_by_option, naming_option
 from robot_model.files.loading import load_robot, whole_keys
-from robot_model.measurements import samples_of
+from robot_model.measurements import check_measures, samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.model import Model
@@ -79,6 +79,7 @@ def check_samples(
     fit_samples, test_samples: sample numbers, as of `workbench.jobs.robot.calibrate.calibrate`. Raises InputError
     where the recorded data cannot be right.
     """
+    check_measures(recording)
     samples = samples_of(recording)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     ambiguity = ambiguity_sentence(robot, samples)

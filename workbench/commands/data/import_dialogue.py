@@ -91,17 +91,18 @@ def show(console, answer: Mapping, result) -> None:
     if clocks and clocks["sentence"] not in answer["warnings"]:
         console.print(clocks["sentence"], markup=False, soft_wrap=True)
     if answer["conventions"]:
-        _fits(console, answer["conventions"])
+        _fits(console, answer["conventions"], answer["measures"])
     _preview(console, result.recording)
     if answer["unused_columns"]:
         unused = ", ".join(f"'{name}'" for name in answer["unused_columns"])
         console.print(f"Columns that are not used: {unused}", markup=False)
 
 
-def _fits(console, conventions: Sequence[Mapping]) -> None:
+def _fits(console, conventions: Sequence[Mapping], measures: str) -> None:
     """The interpretations of the columns that fit best and the next one, and how many more were tested.
 
-    Degrees only where orientations were compared.
+    Flange and target poses are compared with one another, without a robot whose geometry may err. Degrees only where
+    orientations were compared.
     """
     worst = _FAR_WORSE * conventions[0]["rms_mm"]
     close = [fit for fit in conventions[2:_SHOWN_FITS] if fit["rms_mm"] <= worst]
@@ -110,7 +111,11 @@ def _fits(console, conventions: Sequence[Mapping]) -> None:
     if all(fit["rms_deg"] is None for fit in shown):
         del keys["RMS deg"]
     fits = [[fit[key] for key in keys.values()] for fit in shown]
-    tables.grid(console, "Fit with plausible geometry errors", list(keys), fits)
+    is_of_targets = measures == "target-pose"
+    head = (
+        "Fit of one hand-eye transform" if is_of_targets else "Fit with plausible geometry errors"
+    )
+    tables.grid(console, head, list(keys), fits)
     if len(conventions) > len(fits):
         more = len(conventions) - len(fits)
         console.print(f"{more} other interpretations fit worse; --json lists all.", markup=False)

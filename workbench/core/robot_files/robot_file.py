@@ -193,7 +193,14 @@ def _check_limits(file: RobotFile, where: str) -> None:
                 f"{where}: joint {k}", f"{limit} for a {joint.kind} joint", other, "rename it"
             )
         limits = getattr(joint, limit)
-        if limits is not None and limits[0] >= limits[1]:
+        if limits is not None and limits[0] == limits[1]:
+            raise complaint(
+                f"{where}: joint {k}, key {limit}",
+                "a lower and a higher limit",
+                limits,
+                f"remove the key {limit}: a joint without it may stand still, and moves as far as its readings do",
+            )
+        if limits is not None and limits[0] > limits[1]:
             raise complaint(
                 f"{where}: joint {k}, key {limit}", "the lower limit first", limits, "swap them"
             )

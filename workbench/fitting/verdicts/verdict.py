@@ -27,6 +27,7 @@ _RELEVANT = 1.1
 _AGREES = 1.25
 # No error of an arm is so many times the noise of an instrument: the noise is stated in another unit, or nothing fits.
 _INCREDIBLE = 300.0
+_UNKNOWN_NOISE = "the noise is unknown (not stated, and too few repeated measurements)"
 # Without degrees of freedom there is no test. Twice the noise is then called far above it.
 _FAR_UNTESTED = 2.0
 
@@ -194,8 +195,18 @@ def combine(verdicts: Sequence[Verdict]) -> Verdict:
     if len(verdicts) == 1:
         return verdicts[0]
     by_rank = sorted(verdicts, key=lambda verdict: {False: 0, True: 1, None: 2}[verdict.passed])
-    sentence = " ".join(verdict.sentence for verdict in verdicts)
+    sentence = _said_once([verdict.sentence for verdict in verdicts])
     return replace(by_rank[0], sentence=sentence, parts=tuple(verdicts))
+
+
+def _said_once(sentences: Sequence[str]) -> str:
+    """The sentences of several quantities; that the noise is unknown is stated once, at the end."""
+    parts = [sentence.partition(f"; {_UNKNOWN_NOISE}") for sentence in sentences]
+    if sum(bool(clause) for _, clause, _ in parts) < 2:
+        return " ".join(sentences)
+    kept = [f"{head}." if clause else head for head, clause, _ in parts]
+    clause = _UNKNOWN_NOISE[:1].upper() + _UNKNOWN_NOISE[1:]
+    return f"{' '.join(kept)} {clause}, so that these values cannot be compared with it."
 
 
 def is_far_above(ratio: float, degrees: float | None) -> bool:
@@ -230,10 +241,7 @@ def _against_noise(
         return ""
     if noise is None or ratio is None:
         size = f"{residual.value:.3g} {residual.unit}"
-        return (
-            "the noise is unknown (not stated, and too few repeated measurements), so that "
-            f"{size} cannot be compared with it"
-        )
+        return f"{_UNKNOWN_NOISE}, so that {size} cannot be compared with it"
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
     far = residual.is_significant
     if far is None:
