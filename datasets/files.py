@@ -11,7 +11,7 @@ LIMITS_MB = {".toml": 1, ".csv": 256, ".parquet": 1024, ".urdf": 16, "image": 25
 
 
 def label(path: Path) -> str:
-    """How a file is called in a sentence: its folder's name and its own."""
+    """Name of a file in a sentence: its folder's name and its own."""
     return f"{path.parent.name}/{path.name}"[:120]
 
 

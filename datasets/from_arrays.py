@@ -170,7 +170,7 @@ def _check_sigma(sigma_mm) -> None:
 
 
 def _robot_keys(robot: str | Mapping) -> Mapping:
-    """What `Recording.robot` holds for a built-in name, a file or keys. Raises InputError."""
+    """Value of `Recording.robot` for a built-in name, a file or keys. Raises InputError."""
     if isinstance(robot, Mapping):
         if "builtin" in robot:
             check_builtin_name(robot["builtin"], f"{_CALLED}, robot")

@@ -61,7 +61,7 @@ class Source:
         return self.page or f"https://github.com/{self.repository}/tree/{self.commit}"
 
     def url_of(self, file: RemoteFile) -> str:
-        """Where the bytes of one file are."""
+        """Address of one file."""
         return f"https://raw.githubusercontent.com/{self.repository}/{self.commit}/{quote(file.remote)}"
 
 
@@ -95,7 +95,7 @@ def source(name: str) -> Source:
 
 
 def cache_folder() -> Path:
-    """Where `get` puts a set when no folder is named."""
+    """Folder of `get` when none is named."""
     home = os.environ.get("XDG_CACHE_HOME")
     try:
         home = Path(home) if home else Path.home() / ".cache"

@@ -61,7 +61,7 @@ def forward(
     base: tuple[np.ndarray, np.ndarray] | None = None,
     twists: dict[int, np.ndarray] | None = None,
     links: bool = False,
-    turns: tuple[np.ndarray, np.ndarray] | None = None,
+    cosines_and_sines: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Frames:
     """Frames of the arm.
 
@@ -81,14 +81,14 @@ def forward(
         ends = np.where(robot.prismatic[:, None], variables, 0.0), _tips(robot, geometry)
     walk = _Walk(joints, n, robot.base, base, twists or {}, ends)
     angles, shifts = _angles_and_shifts(robot, variables, geometry)
-    if turns is None or geometry.ndim > 2 or robot.prismatic.any():
+    if cosines_and_sines is None or geometry.ndim > 2 or robot.prismatic.any():
         cosines = np.cos(angles)
         sines = np.sin(angles)
     else:
         c = np.cos(geometry[:, :1])
         s = np.sin(geometry[:, :1])
-        cosines = c * turns[0] - s * turns[1]
-        sines = s * turns[0] + c * turns[1]
+        cosines = c * cosines_and_sines[0] - s * cosines_and_sines[1]
+        sines = s * cosines_and_sines[0] + c * cosines_and_sines[1]
     step = walk.distal if robot.convention == "distal" else walk.craig
     twist_cosines = np.cos(geometry[:, ALPHA:])
     twist_sines = np.sin(geometry[:, ALPHA:])
@@ -283,7 +283,7 @@ _AXIS = (0, 0, 1, 1, 2)
 _ORIGIN = (0, 0, 1, 1, 1)
 
 
-def geometry_turns(frames: Frames, port_indices: np.ndarray) -> np.ndarray:
+def geometry_rotations(frames: Frames, port_indices: np.ndarray) -> np.ndarray:
     """(len(port_indices), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
     axes = {THETA: frames.z, ALPHA: frames.x, BETA: frames.y}
     still = np.zeros_like(frames.end_origin)
@@ -312,7 +312,7 @@ def frame_rows(
     return rows
 
 
-def frame_turns(
+def frame_rotations(
     frames: Frames, port_indices: np.ndarray, twists: dict[int, np.ndarray]
 ) -> np.ndarray:
     """(len(port_indices), 3, n) rotation of the flange, world frame, per unit of twist (0 for shifts)."""

@@ -238,7 +238,7 @@ class _Altered(State):
 def moved(
     robot: Robot, variables: np.ndarray, time: np.ndarray, pose: np.ndarray
 ) -> tuple[dict[str, np.ndarray], MotionHistory]:
-    """How each joint came to its pose: covariates `move<k>` and `move<k>_side`, and the history; pose (n,): labels.
+    """Last move of each joint: covariates `move<k>` and `move<k>_side`, and the history; pose (n,): labels.
 
     `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction in
     which it moved last, 0 before the first move.

@@ -1,5 +1,6 @@
 """A robot bound to measured samples: the chain that `workbench.core` solves."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -71,11 +72,11 @@ class RobotChain:
 
     @property
     def poses_per_sample(self) -> int:
-        """How many columns of `variables` and `state` make one sample: all first ends before all second ones."""
+        """Number of columns of `variables` and `state` for one sample: all first ends before all second ones."""
         return getattr(self.measurement, "poses_per_sample", 1)
 
     @cached_property
-    def turns(self) -> tuple[np.ndarray, np.ndarray]:
+    def cosines_and_sines(self) -> tuple[np.ndarray, np.ndarray]:
         """(J, n) cosines and sines of the joint variables, which every evaluation needs."""
         return np.cos(self.variables), np.sin(self.variables)
 
@@ -201,14 +202,15 @@ class RobotChain:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
         pose, geometry, _ = self.split(values)
         variables, twists = self.moved_variables(deltas), _twists(deltas)
-        turns = None if "joint" in deltas else self.turns
+        trigonometry = None if "joint" in deltas else self.cosines_and_sines
         if "geometry" in deltas:
             port_indices, change = deltas["geometry"]
             geometry = np.repeat(geometry.reshape(-1, 1), self.n, 1)
             geometry[port_indices] += change
             geometry = geometry.reshape(self.robot.joints, 5, self.n)
         base = rotation_matrix(pose[3:]), pose[:3]
-        return forward(self.robot, variables, geometry, base, twists, bool(twists), turns), twists
+        frames = forward(self.robot, variables, geometry, base, twists, bool(twists), trigonometry)
+        return frames, twists
 
 
 class Evaluation:
@@ -250,12 +252,12 @@ class Evaluation:
             port_indices = 5 * port_indices + np.where(robot.prismatic[port_indices], D, 0)
         if port in ("joint", "geometry"):
             moved = kinematics.geometry_rows(robot, frames, point, port_indices)
-            turned = kinematics.geometry_turns
-            return self._mapped(moved, lambda: turned(frames, port_indices))
+            rotations = kinematics.geometry_rotations
+            return self._mapped(moved, lambda: rotations(frames, port_indices))
         frames = self._with_links()
         moved = kinematics.frame_rows(frames, point, port_indices, self.twists)
         return self._mapped(
-            moved, lambda: kinematics.frame_turns(frames, port_indices, self.twists)
+            moved, lambda: kinematics.frame_rotations(frames, port_indices, self.twists)
         )
 
     def joint_rows(self) -> np.ndarray:
@@ -277,17 +279,20 @@ class Evaluation:
         pose = self.chain.split(self.values)[0]
         about = left_jacobian(pose[3:]).T[:, :, None]
         shifts = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, self.chain.n))
-        turns = kinematics.cross(
+        rotated = kinematics.cross(
             np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None]
         )
-        moved = np.concatenate([shifts, turns])
+        moved = np.concatenate([shifts, rotated])
         return self._mapped(
             moved, lambda: np.concatenate([shifts * 0, np.broadcast_to(about, shifts.shape)])
         )
 
-    def _mapped(self, moved, turned):
+    def _mapped(self, moved, rotations: Callable):
+        """Derivatives of the residual from those of the point and, if the measurement needs them, its rotations."""
         rows = self.closure.map_rows(moved)
-        return rows if self.closure.map_turns is None else rows + self.closure.map_turns(turned())
+        if self.closure.map_rotations is None:
+            return rows
+        return rows + self.closure.map_rotations(rotations())
 
 
 def _twists(deltas) -> dict[int, np.ndarray]:

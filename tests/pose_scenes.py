@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from datasets.recording import Recording
 from robot_model import builtin_robots, load_robot
-from robot_model.chain import THETA, forward, geometry_rows, geometry_turns
+from robot_model.chain import THETA, forward, geometry_rotations, geometry_rows
 
 LENGTH_ERROR_MM, ANGLE_ERROR_RAD = 0.4, np.deg2rad(0.06)
 NOISE_MM, NOISE_RAD = 0.05, np.deg2rad(0.02)
@@ -135,7 +135,7 @@ def _inverse(robot, centre, offset, turn):
             [goal - frames.end_origin, 500 * (wanted * present.inv()).as_rotvec().T]
         )
         rows = geometry_rows(robot, frames, frames.end_origin, port_indices)
-        rows = np.concatenate([rows, 500 * geometry_turns(frames, port_indices)], 1).transpose(
+        rows = np.concatenate([rows, 500 * geometry_rotations(frames, port_indices)], 1).transpose(
             2, 1, 0
         )
         normal = rows.transpose(0, 2, 1) @ rows + 10.0 * np.eye(robot.joints)

@@ -13,8 +13,8 @@ from workbench.diagnosis.noise.data_findings import unweighted_squares
 from workbench.diagnosis.noise.random_effects import (
     _TRIED,
     LABEL,
-    _constant,
-    _turned,
+    _constant_shape_likelihood,
+    _direction_likelihood,
     find_random_effect,
     unrecorded,
 )
@@ -38,7 +38,10 @@ def test_noise_of_one_shape_is_no_movement_however_heavy_its_tails():
     for _ in range(150):
         tails = rng.standard_t(2, 120) * np.exp(rng.normal(size=120))
         z = np.diag([4.0, 1.5, 1.0]) @ rng.normal(size=(3, 120)) * tails
-        ratios.append(_turned(_site(rng, 120, 0.3), z, np.ones(120)) - _constant(z, np.ones(120)))
+        ratios.append(
+            _direction_likelihood(_site(rng, 120, 0.3), z, np.ones(120))
+            - _constant_shape_likelihood(z, np.ones(120))
+        )
     assert max(ratios) < np.log(_TRIED * 150)
 
 
@@ -46,7 +49,9 @@ def test_place_that_moves_all_samples_nearly_one_way_is_distinguishable_from_suc
     rng = np.random.default_rng(4)
     site = _site(rng, 400, 0.3)
     z = rng.normal(size=(3, 400)) + site.rows.reshape(3, -1) * rng.normal(size=400)
-    assert _turned(site, z, np.ones(400)) - _constant(z, np.ones(400)) > np.log(_TRIED / 1e-4)
+    assert _direction_likelihood(site, z, np.ones(400)) - _constant_shape_likelihood(
+        z, np.ones(400)
+    ) > np.log(_TRIED / 1e-4)
 
 
 def test_repeats_of_a_pose_that_err_together_are_no_movement_by_chance():

@@ -13,7 +13,7 @@ from datasets.recording import Recording
 from import_scenes import SCENE, UR10, assert_same_rows, degrees, simulated, write_rows
 from robot_model import load_robot
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.fitting import hopeless_mm, nominal_scale
+from workbench.fitting.plausibility.fitting import nominal_scale, unexplainable_misfit_mm
 from workbench.jobs.robot.compensation.compensate import nominal_poses
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.importing.board_images.board_poses import _refuse_other_order
@@ -109,7 +109,7 @@ def test_plausible_geometry_errors_are_not_hopeless(name):
         measured = dict(zip(("x_mm", "y_mm", "z_mm"), points.T))
         sample = {"sample": np.arange(60)}
         recording = Recording("external-point", sample | columns | measured, {"builtin": name})
-        ratios.append(nominal_scale(robot, recording) / hopeless_mm(robot, recording))
+        ratios.append(nominal_scale(robot, recording) / unexplainable_misfit_mm(robot, recording))
     assert max(ratios) < 0.5
 
 

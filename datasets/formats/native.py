@@ -1,4 +1,4 @@
-"""What the readers of real sets share: checked files, column names, and the finished recording."""
+"""Common parts of the readers of real sets: checked files, column names, and the finished recording."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What every importer returns: tables, images, clouds and a board as their files hold them."""
+"""Result of every importer: tables, images, clouds and a board, as in their files."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

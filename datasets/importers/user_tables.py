@@ -204,7 +204,7 @@ def _one_table(path: Path) -> RawTable:
 
 
 def frames_of(mapping: Mapping | None) -> StatedFrames:
-    """What a mapping states of tools and frames of the positions of a program."""
+    """Tools and frames of the positions of a program, as stated in a mapping."""
     if mapping is None:
         return NOTHING_STATED
     stated = (mapping.tool, mapping.frame)

@@ -54,7 +54,7 @@ class World:
 
 @dataclass(frozen=True)
 class Counts:
-    """How many places of the board, scans of the balls and steps of the mirror."""
+    """Numbers of board poses, scans of the balls and mirror steps."""
 
     boards: int = 14
     scans: int = 8

@@ -112,7 +112,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Scene:
-    """What every part of every pixel sees of one static scene: points (3, N), normals (3, N), albedo (N,); N = parts x
+    """Surface in every part of every pixel of a static scene: points (3, N), normals (3, N), albedo (N,); N = parts x
     those pixels (P,) that see anything."""
 
     thing: Board | Balls

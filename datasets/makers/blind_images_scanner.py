@@ -87,7 +87,7 @@ class Light:
     late: float = 0.0
 
     def truly(self, commanded: float, speed: float) -> float:
-        """Where the mirror is (rad) when the image is taken; speed rad/s."""
+        """Mirror angle (rad) when the image is taken; speed rad/s."""
         amplitude, order, phase = self.encoder
         return (
             commanded + np.arcsin(amplitude * np.sin(order * commanded + phase)) + speed * self.late

@@ -44,7 +44,7 @@ _LARGE = (  # an arm of 2.7 m reach and 210 kg payload; lengths as of a KUKA KR 
 
 @dataclass(frozen=True)
 class _Size:
-    """What is typical of a robot: joint compliances (J,) rad/(N m), tool (kg, mm), loads in turn (kg)."""
+    """Typical values of a robot: joint compliances (J,) rad/(N m), tool (kg, mm), alternating loads (kg)."""
 
     rows: tuple
     joints: tuple[float, ...]

@@ -74,7 +74,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the arm rests, one row a configuration.
+    """Static equilibria of the arm, one row for each configuration.
 
     flange: (n, 4, 4) pose of the flange in the base frame, mm.
     hinges: names of the E hinges in tree order: pedestal-x, joint-1, link-1-u ...

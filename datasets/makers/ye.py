@@ -49,7 +49,7 @@ _START = np.deg2rad([0, 10, -15, 0, -75, 0])
 
 
 class Table(NamedTuple):
-    """What the paper prints of one experiment, in the paper's units."""
+    """Results of one experiment as printed in the paper, in its units."""
 
     user: tuple  # T_B_U: xyz mm, (r, w, p) deg
     tool: tuple  # T_C_G, the same
@@ -105,7 +105,7 @@ SECOND = Table(  # Tables 6 and 7; the reflector's attitude is not measured
 
 
 class Grid(NamedTuple):
-    """Where the second experiment goes: ten places along each axis of a box, mm, in each of seven attitudes.
+    """Grid of the second experiment: ten positions along each axis of a box, mm, in each of seven orientations.
 
     x, y, z: (from, to) of the wrist in the base frame; attitudes: deg about x, y, z of the base, from
     pointing straight down; facing: joint 1 starts towards the place, which a wide box needs.

@@ -15,7 +15,7 @@ _UNIT = 1e-3  # by which the length of a unit vector may differ from 1
 
 
 def read_robot(folder: Path, section: Mapping, called: str) -> dict:
-    """What `Recording.robot` holds. Raises InputError for a missing or impossible robot."""
+    """Value of `Recording.robot`. Raises InputError for a missing or impossible robot."""
     urdf = is_description(str(section.get("file", "")))
     if "gravity" in section and ("builtin" in section or not urdf):
         raise complaint(

@@ -1,4 +1,4 @@
-"""What must hold for every row of samples.csv: one small rule each, run in the order of RULES.
+"""Rules for every row of samples.csv: one function each, run in the order of RULES.
 
 A rule takes the table and the `Context` and raises InputError for the first row that breaks it.
 Rules about plausible sizes (radians, metres, limits) are in `datasets.samples.plausible`.
@@ -30,7 +30,7 @@ from workbench.core.vocabulary import Covariate
 
 @dataclass(frozen=True)
 class Context:
-    """What else is known of a recording while its samples are checked."""
+    """Further properties of a recording that the checks of its samples use."""
 
     measures: str
     robot: Mapping = field(default_factory=dict)

@@ -27,7 +27,7 @@ OTHER = "other_"
 
 @dataclass(frozen=True)
 class Kind:
-    """What one value of `measures` means for the files of a recording."""
+    """Columns and files of a recording for one value of `measures`."""
 
     sample: str
     """In words, for the error sentences."""

@@ -32,7 +32,7 @@ def without_duplicates(recording):
 
 
 def duplicate_sentence(name: str, copies: np.ndarray, originals: np.ndarray) -> str:
-    """What was found, why it matters and what to do; copies and originals (k,) sample numbers."""
+    """Sentence on duplicates: finding, consequence and action; copies and originals (k,) sample numbers."""
     pairs = [f"{copy} = {original}" for copy, original in zip(copies[:_SHOWN], originals[:_SHOWN])]
     more = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
     rows = "1 row repeats" if len(copies) == 1 else f"{len(copies)} rows repeat"

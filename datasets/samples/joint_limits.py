@@ -49,7 +49,7 @@ def _sentence(table: Table, name: str, unit: str, limits, beyond: np.ndarray) ->
 
 
 def _advice(values: np.ndarray, unit: str, limits) -> str:
-    """What to check: another sign or unit where it would bring every reading within the limits."""
+    """Recommended check: another sign or unit, if it would bring every reading within the limits."""
     if within(-values, limits).all():
         return "with the opposite sign all readings would be within them: check the sign of this column and the limits"
     if unit == "deg" and np.ptp(values) > 0 and within(np.rad2deg(1) * values, limits).all():

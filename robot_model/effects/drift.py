@@ -55,7 +55,7 @@ class LinkThermalGrowth(Effect):
 
     @property
     def column(self):
-        """Where the temperature of the link itself would be recorded."""
+        """Name of the column for the temperature of the link itself."""
         return f"temperature_link{self.number}_c"
 
 
@@ -93,7 +93,7 @@ class JointThermalDrift(Effect):
 
     @property
     def column(self):
-        """Where the temperature of the joint itself would be recorded."""
+        """Name of the column for the temperature of the joint itself."""
         return f"temperature_j{self.number}_c"
 
 

@@ -55,7 +55,7 @@ class LinkSelfWeight(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where the torque of the links varies, and a load makes it distinguishable from the whole torque."""
+        """Variants where the torque of the links varies, and a load makes it distinguishable from the whole torque."""
         if not chain.state.payload.any():
             return ()
         flexible_joints = {variant.effect.where for variant in JointCompliance.candidates(chain)}
@@ -321,7 +321,7 @@ class PedestalCompliance(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where the overturning moment varies."""
+        """Variants where the overturning moment varies."""
         return _loaded_variants(cls, chain)
 
     def load(self, state):
@@ -398,7 +398,7 @@ class MountTorsion(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where masses are known and the axis of joint 1 is so upright that nominal gravity does not load it."""
+        """Variants if masses are known and the axis of joint 1 is so upright that nominal gravity does not load it."""
         if np.ptp(chain.state.torque[0]) <= _LOADED_NM and chain.state.has_masses:
             yield Variant(cls("base"), "where an upright joint 1 deflects under it")
 

@@ -161,7 +161,7 @@ class InstrumentRange(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where an external instrument measures. Without slides all lengths of the arm have the same effect."""
+        """Variants if an external instrument measures. Without slides all lengths of the arm have the same effect."""
         return [Variant(cls(where)) for where in chain.places("instrument")]
 
     def port_indices(self, chain):
@@ -196,7 +196,7 @@ class ReflectorIncidence(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where an external instrument measures: of every reflector."""
+        """Variants for every reflector, where an external instrument measures."""
         numbers = np.unique(chain.state.index)
         if not chain.places("instrument"):
             return

@@ -1,4 +1,4 @@
-"""How far an empirical function may be off beyond its recorded range, from its structure function within it."""
+"""Extrapolation error of an empirical function beyond its recorded range, from its structure function within it."""
 
 import numpy as np
 

@@ -355,7 +355,7 @@ class GravityLink(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where the moment of uniform bars varies; none where masses are stated."""
+        """Variants where the moment of uniform bars varies; none where masses are stated."""
         return _of_bars(cls, chain)
 
     def first(self) -> int:
@@ -401,7 +401,7 @@ class GravityPedestal(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """Where the moment of uniform bars varies; none where masses are stated."""
+        """Variants where the moment of uniform bars varies; none where masses are stated."""
         return _of_bars(cls, chain)
 
     def first(self) -> int:

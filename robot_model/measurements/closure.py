@@ -16,8 +16,8 @@ class Closure:
     """A closed chain.
 
     `residual` (m, n); `point` (3, n) the world point (mm) whose motion with the flange is seen;
-    `map_rows` turns (k, 3, n) motions of that point, and `map_turns` (k, 3, n) rotations of the
-    flange (rad, world frame), into (k, m, n) of the residual; `map_turns` is None where
+    `map_rows` turns (k, 3, n) motions of that point, and `map_rotations` (k, 3, n) rotations of the
+    flange (rad, world frame), into (k, m, n) of the residual; `map_rotations` is None where
     orientation is not measured; `to_world` turns positions' residuals (3, n) into world arrows.
     `tool_rows` (t, m, n) belong to the kind's own parameters, and
     `port_rows` holds those of the ports `sensor` and `target`.
@@ -28,7 +28,7 @@ class Closure:
     map_rows: Callable[[np.ndarray], np.ndarray]
     tool_rows: np.ndarray
     port_rows: dict[str, np.ndarray]
-    map_turns: Callable[[np.ndarray], np.ndarray] | None = None
+    map_rotations: Callable[[np.ndarray], np.ndarray] | None = None
     to_world: Callable[[np.ndarray], np.ndarray] = lambda residual: residual
 
 

@@ -17,7 +17,7 @@ _ALONG = 1e-3  # sine of the angle between a plane and lines in it
 
 @dataclass(frozen=True)
 class Form:
-    """What low orders explain of the distances: `rms` mm beyond what noise gives them, and the probability that a ball
+    """Low-order form of the distances: `rms` mm above the noise, and the probability that a ball
     with noise alone shows as much; nan and 1 where the points are too few to tell."""
 
     rms: float

@@ -102,7 +102,7 @@ class Board:
 
     @property
     def marks(self) -> str:
-        """What is counted on it."""
+        """Plural noun of the features of this board, such as corners."""
         return "circles" if self.kind.endswith("circles") else "corners"
 
     @property

@@ -76,7 +76,7 @@ def focal_scatter(
     own = reduced.squares(np.inf)
     variance = own / degrees
     p_value = float(fisher.sf((one - own) / groups / variance, groups, degrees))
-    share, share_std = reduced.likeliest_spread(variance)
+    share, share_std = reduced.most_probable_scatter(variance)
     changes, std = reduced.changes(variance)
     middle = np.array([[chain.camera.cx], [chain.camera.cy]])
     reach = float(np.sqrt(((chain.pixels - middle) ** 2).mean()))
@@ -142,7 +142,7 @@ class ReducedCorners:
         solution = np.append(_solved(self.with_spread(np.inf)), 1.0)
         return -(self.by_focal @ solution) / self.focal, np.sqrt(variance / self.focal)
 
-    def likeliest_spread(self, variance: float) -> tuple[float, float]:
+    def most_probable_scatter(self, variance: float) -> tuple[float, float]:
         """1 sigma of the relative focal length by restricted maximum likelihood, and its standard error.
 
         Patterson & Thompson, Biometrika 58 (1971) 545.

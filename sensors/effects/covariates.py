@@ -1,4 +1,4 @@
-"""What the effects of heat on a scanner share: the law of a warm-up, and where a diagnosis tests it."""
+"""Common part of the thermal effects of a scanner: the law of a warm-up, and where a diagnosis tests it."""
 
 from typing import Annotated
 
@@ -21,7 +21,7 @@ _RESOLVED = (
 
 
 class WarmUpLaw:
-    """What grows with temperature, or with time: linearly, or by a warm-up with a time constant.
+    """Linear growth with temperature or time, or a warm-up with a time constant.
 
     `time_constant_s` 0: in proportion to the temperature above the reference, or to the hours where none was recorded.
     Else 1 - exp(-(t - start) / tau), the response of a body of one heat capacity to a constant power from `start_s` on.

@@ -53,7 +53,7 @@ class Chip:
 
     @property
     def scale(self) -> int:
-        """What a step of the converter is in the file."""
+        """Size of a step of the converter in the file."""
         return 1 if self.bits <= 8 else 2 ** (16 - self.bits)
 
 

@@ -45,7 +45,7 @@ class Causes:
 
 @dataclass(frozen=True)
 class _Numbering:
-    """How the scanner's ports are numbered: what an effect asks of a chain."""
+    """Numbering of the scanner's ports, as effects request it of a chain."""
 
     state: SensorState
     balls: int = 0
@@ -106,7 +106,7 @@ def blank_state(camera: Camera, n: int, covariates: Mapping[str, float], **known
 
 @dataclass(frozen=True)
 class Moment:
-    """What acts while a image is taken: the effects, the covariates' values at that instant, and the depth (mm) on
+    """Conditions of an image: the effects, the covariates' values at that instant, and the depth (mm) on
     which the lens is focused, nan where no effect asks for it."""
 
     causes: Causes = Causes()

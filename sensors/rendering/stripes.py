@@ -41,7 +41,7 @@ class Canvas:
 
 @dataclass(frozen=True)
 class Stage:
-    """What N pixels see in k parts each, for one static pose of everything but the mirror.
+    """Surface points seen by N pixels in k parts each, for one static pose of everything but the mirror.
 
     `flat` (N,) their numbers on the canvas; `points` (3, N, k) mm; `normals` (3, N, k); `albedo`
     (N, k); `ball` (N, k); `chosen` one (M,) a step, the rows of these arrays that its stripe may reach.

@@ -92,12 +92,12 @@ class Stripes:
 
 @dataclass(frozen=True)
 class Task:
-    """A checked stack with what belongs to it; images are turned where the line runs along the rows."""
+    """A checked stack with what belongs to it; images are transposed where the line runs along the rows."""
 
     stack: np.ndarray
     background: np.ndarray | None
     region: np.ndarray | None
-    turned: bool
+    transposed: bool
     saturation: float
     scale: np.ndarray | None
     """(F,) how much brighter the images are exposed than the background; None without one."""
@@ -106,7 +106,7 @@ class Task:
 
     @property
     def height(self) -> int:
-        return self.stack.shape[2 if self.turned else 1]
+        return self.stack.shape[2 if self.transposed else 1]
 
     def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
         """Every `step`-th row of some images, and the image (n, width) in which the line is searched."""
@@ -124,7 +124,7 @@ class Task:
         return rows, rows.searched(self.exposed if step == 1 else None)
 
     def _cut(self, images, step):
-        if not self.turned:
+        if not self.transposed:
             return np.ascontiguousarray(images[:, step // 2 :: step])
         kind = np.uint8 if images.dtype == bool else images.dtype
         cut = np.empty(
@@ -240,7 +240,7 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
         count,
         dropped,
         noise,
-        "columns" if task.turned else "rows",
+        "columns" if task.transposed else "rows",
         mode,
         resolution,
     )
@@ -275,10 +275,10 @@ def _task(stack, along, background, region, saturation) -> Task:
                 f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
                 f"{region.shape}; draw it on one of the images"
             )
-    turned = along == "columns"
-    level = clip_level(stack, saturation, 1 if turned else 2)
+    transposed = along == "columns"
+    level = clip_level(stack, saturation, 1 if transposed else 2)
     scale = None if background is None else exposures(stack, background)
-    return Task(stack, background, region, turned, level, scale)
+    return Task(stack, background, region, transposed, level, scale)
 
 
 def _images(stack, called: str, axes: int) -> np.ndarray:

@@ -69,7 +69,7 @@ class Fits:
 
 @dataclass(frozen=True)
 class Setting:
-    """What holds for a whole stack: `noise`, the line's typical `width` px, the level that counts as saturated."""
+    """Settings of a whole stack: `noise`, the line's typical `width` px, the level of saturation."""
 
     noise: Noise
     width: float

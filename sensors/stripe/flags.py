@@ -115,7 +115,7 @@ def runs(high, width):
 
 
 def follow(fits: Fits, place: np.ndarray, second: Fits, rows: int, height: int) -> None:
-    """Where a row has two peaks, take the one that more of the neighbours within 24 rows agree with."""
+    """Choose between two peaks of a row: the one that agrees with more of the neighbours within 24 rows."""
     if not len(place):
         return
     offset = np.r_[-24:0, 1:25]
@@ -201,14 +201,14 @@ def flags(
 
 
 def usual_misfit(fits: Fits, setting: Setting) -> float:
-    """How far real profiles are from a Gaussian, as the excess of chi-square over strength^2: the median."""
+    """Deviation of real profiles from a Gaussian: median of the excess of chi-square over strength^2."""
     strong = (fits.strength > STRONG) & _plausible(fits, setting)
     excess = np.maximum(fits.misfit[strong] - 1, 0) / fits.strength[strong] ** 2
     return float(np.median(excess)) if strong.any() else 0.0
 
 
 def noise_scale(fits: Fits, setting: Setting) -> float:
-    """What all fits' chi-square says that the noise of the first look has to be multiplied by.
+    """Factor on the noise of the pilot fit, from the chi-square of all fits.
 
     Read noise alone: with photon noise the tabulated weights are too coarse to tell.
     """

@@ -28,7 +28,7 @@ _ALIKE = 0.8
 
 @dataclass(frozen=True)
 class Search:
-    """How a line is looked for: `width` px of the filter, None where the brightest pixel itself will do; its noise."""
+    """Settings of the line search: `width` px of the filter, None for the brightest pixel itself; its noise."""
 
     width: float | None
     noise: float
@@ -60,7 +60,7 @@ class Search:
 
 
 def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Setting, Search]:
-    """What holds for the stack that `rows` are a sample of; `image` is where the line is searched."""
+    """Settings of the stack that `rows` are a sample of; `image` is where the line is searched."""
     noise = Noise(max(pixel_noise(*_some(rows)), _finest(rows.pixels)))
     found = brightest(image)
     width, search = _search(image, found, noise.read)

@@ -10,7 +10,7 @@ from workbench.core.text.csv_text import csv_text
 
 
 def as_argument(value, name: str, folder: Path):
-    """What a command takes for a Python value.
+    """Argument of a command for a Python value.
 
     value: a path, a text, a number, a `Recording`, a result of this API, a DataFrame or an array of
     joint readings in degrees (n, J), or of points (n, 3) in mm for `source` and `target`. name: of the parameter;

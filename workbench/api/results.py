@@ -125,7 +125,7 @@ def _holds_objects(value: Any) -> bool:
 
 
 class Result:
-    """What a command answered. Entries of the answer are attributes: `result.held_out.rms_mm`.
+    """Result of a command. Entries of its JSON answer are attributes: `result.held_out.rms_mm`.
 
     Lengths are in mm and angles in the unit at the end of a name (`_deg`, `_rad`). The functions of the commands
     say which entries their results have, and in which frame.
@@ -180,7 +180,7 @@ class Result:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: verdict, image of the run, main table, and the text of the command folded up."""
+        """HTML for a notebook: verdict, image of the run, main table, and the text of the command folded up."""
         parts = [f"<p><b>{html.escape(self.verdict_sentence)}</b></p>", self._image(), self._main()]
         text = html.escape(self.summary())
         parts.append(

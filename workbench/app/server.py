@@ -60,7 +60,7 @@ def add_gate(server, token: str, folder_of: Callable[[str], Path | None]) -> Non
 
 
 async def tell_session(request):
-    """Where the websocket is, which trame's page asks for first; without an answer the browser logs an error."""
+    """Answer with the address of the websocket, which trame's page requests first; else the browser logs an error."""
     from aiohttp import web
 
     return web.json_response({"sessionURL": f"ws://{request.host}/ws"})

@@ -1,4 +1,4 @@
-"""What a diagnosis of a sensor means for the user: errors by kind, ball centres, random errors of single images."""
+"""Errors of a sensor from its diagnosis: by kind, of ball centres, and random errors of single images."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,7 +36,7 @@ _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "
 
 @dataclass(frozen=True)
 class LaserLine:
-    """What images show of the laser line of a scanner: `rejected` points, a `second_line` or None, and the image's
+    """Evidence of images about the laser line of a scanner: `rejected` points, a `second_line` or None, and the image's
     `size` px."""
 
     rejected: RejectedPoints
@@ -151,7 +151,7 @@ def without_jitter(bench):
 
 
 def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, ...]:
-    """What images show beyond the terms that were kept: displaced lines of the board, jitter, and structure of the
+    """Effects in images beyond the retained terms: displaced lines of the board, jitter, and structure of the
     laser line that nothing explains; of an arm nothing."""
     if bench.chain is not None:
         return ()
@@ -270,7 +270,7 @@ def displaced_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
 
 
 def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float], Term]:
-    """What a displaced line is named by, and its term."""
+    """Name of a displaced line, and its term."""
     kind = "column" if found.line.axis == 0 else "row"
     effect = BoardPointErrors("artefact", kind, float(found.line.at_mm))
     values = zip(effect.table(None), found.shift.tolist(), found.std.tolist())
@@ -312,7 +312,7 @@ def _of_line(found: DisplacedLine, px_per_mm: float) -> tuple[tuple[str, float],
 
 
 def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
-    """What is in doubt about images: displaced lines of the board, the laser line itself, and a focal length that
+    """Warnings about images: displaced lines of the board, the laser line itself, and a focal length that
     differs from board pose to board pose."""
     chains = bench.chains
     warnings = []

@@ -25,7 +25,7 @@ class ConsideredModel:
     probability: float
 
     def as_json(self) -> dict:
-        """What `read_considered` reads."""
+        """JSON that `read_considered` reads."""
         return {
             "effects": [
                 {"effect": _name_of(effect), "where": effect.where, **effect.options}

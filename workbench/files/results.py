@@ -265,7 +265,7 @@ def _residual_columns(calibration):
 
 
 def rotation_columns(residual: np.ndarray) -> dict[str, np.ndarray]:
-    """What a table shows of rotation residuals (k, n) in rad: name -> (n,) deg.
+    """Columns of a table for rotation residuals (k, n) in rad: name -> (n,) deg.
 
     "rx", "ry", "rz" of the rotation vector; "axis", the angle, where one axis is measured (k = 2): its
     two components are in a frame that differs from sample to sample, so only their length has a meaning.

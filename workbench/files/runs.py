@@ -110,7 +110,7 @@ def slug(subject: str | Path) -> str:
 
 
 def input_name(subject: str | Path) -> str:
-    """How a run names its recording so that it can be read again: a whole path, or a known name as it is."""
+    """Name of a recording in a run from which it can be read again: an absolute path, or a known name."""
     path = Path(subject)
     return str(path.resolve()) if path.exists() else str(subject)
 

@@ -78,7 +78,7 @@ class CalibratedArm:
 
 
 def _noise_keys(noise) -> dict | None:
-    """What the noise makes of the RMS distance and how it is known, as the verdict of the calibration has it."""
+    """RMS distance due to noise and the source of the noise, as in the verdict of the calibration."""
     if noise.known_rms is None:
         return None
     value, source = noise.known_rms
@@ -187,7 +187,7 @@ def robot_keys(recording) -> dict:
 
 
 def name_of(effect) -> str:
-    """What the catalogue calls an effect."""
+    """Name of an effect in the catalogue."""
     return next(name for name, kind in CATALOGUE.items() if kind is type(effect))
 
 

@@ -1,4 +1,4 @@
-"""Where a recording measures no length, the arm's size comes from all its nominal lengths together.
+"""Scale gauge of recordings that measure no length: the arm's size follows from all its nominal lengths.
 
 Touches of a fixed point, or beams through one, are met as well by an arm grown as a whole. A length
 left free would not stay where the data leave it: the squared gaps themselves fall as the arm

@@ -193,7 +193,7 @@ def _settle(
 
 
 def _settings(path: Path) -> dict | None:
-    """What an earlier call settled, None in a new folder. Raises InputError where it is damaged."""
+    """Settings of an earlier call, None in a new folder. Raises InputError where they are damaged."""
     if not path.exists():
         return None
     known = protocol.read_object(path)

@@ -54,7 +54,7 @@ def dask(address: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _lost_errors() -> tuple[type[BaseException], ...]:
-    """What distributed raises for futures and connections of a scheduler that has ended."""
+    """Exceptions of `distributed` for futures and connections of a scheduler that has ended."""
     from concurrent.futures import CancelledError as CancelledFuture
 
     from distributed.client import FutureCancelledError

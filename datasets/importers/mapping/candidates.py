@@ -51,7 +51,7 @@ _SAME_DECIMALS = 8
 
 
 @dataclass(frozen=True)
-class Turn:
+class RotationConvention:
     """One reading of rotation columns: their order, convention, unit of angles, and whether they are transposed."""
 
     group: Group
@@ -97,7 +97,9 @@ def angle_units(group: Group, stated_only: bool = True) -> tuple[ColumnUnits, ..
     return completed_units(group.unit, ANGLE_UNITS, known) if stated_only else ANGLE_UNITS
 
 
-def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True) -> list[Turn]:
+def rotation_candidates(
+    group: Group, table: RawTable, stated_only: bool = True
+) -> list[RotationConvention]:
     """All readings of rotation columns that differ in some row, the stated or usual ones first.
 
     stated_only: keep to the convention and unit that the group states, as far as it does.
@@ -107,13 +109,13 @@ def rotation_candidates(group: Group, table: RawTable, stated_only: bool = True)
         if group.convention and stated_only
         else _conventions(group, table)
     )
-    candidates: list[Turn] = []
+    candidates: list[RotationConvention] = []
     seen: set[bytes] = set()
     for columns, convention in conventions:
         units = _rotation_units(group, table, stated_only) if has_unit(convention) else (None,)
         for unit in units:
             for inverse in (group.inverse,) if group.convention and stated_only else (False, True):
-                candidate = Turn(
+                candidate = RotationConvention(
                     Group(tuple(columns), _in_order(unit, group, columns), convention, inverse)
                 )
                 try:
@@ -135,12 +137,12 @@ def _rotation_units(group: Group, table: RawTable, stated_only: bool) -> tuple[C
     return (*units, DMS) if "deg" in units and may_be_dms(values) else units
 
 
-def reordered_candidates(group: Group, table: RawTable) -> list[Turn]:
+def reordered_candidates(group: Group, table: RawTable) -> list[RotationConvention]:
     """All readings of rotation columns in other orders than the stated one, that differ in some row.
 
     They keep to the convention of the group where it states one.
     """
-    candidates: dict[bytes, Turn] = {}
+    candidates: dict[bytes, RotationConvention] = {}
     for columns in list(permutations(group.columns))[1:] if len(group.columns) < 5 else ():
         unit = _in_order(group.unit, group, columns)
         for candidate in rotation_candidates(replace(group, columns=columns, unit=unit), table):
@@ -148,7 +150,7 @@ def reordered_candidates(group: Group, table: RawTable) -> list[Turn]:
     return list(candidates.values())
 
 
-def _rounded(candidate: Turn, table: RawTable) -> bytes:
+def _rounded(candidate: RotationConvention, table: RawTable) -> bytes:
     """The rotations of a reading, equal for readings that differ by rounding."""
     # adding 0 makes -0 and 0 the same bytes
     return (np.round(candidate.matrices(table), _SAME_DECIMALS) + 0.0).tobytes()
@@ -189,7 +191,7 @@ def _labelled(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], st
 
 __all__ = [
     "SEQUENCES",
-    "Turn",
+    "RotationConvention",
     "angle_units",
     "length_units",
     "point_readings",

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.importers.mapping.candidates import Turn
+from datasets.importers.mapping.candidates import RotationConvention
 from datasets.importers.mapping.columns.column_units import each_unit, unit_factors
 from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.columns.spherical import is_spherical, points_of
@@ -99,7 +99,7 @@ def point_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, 
 def rotation_columns(table: RawTable, group: Group, prefix: str = "") -> dict[str, np.ndarray]:
     """qw, qx, qy, qz, a prefix in front. Raises InputError where the numbers are no rotations."""
     try:
-        return quaternion_columns(Turn(group).matrices(table), prefix)
+        return quaternion_columns(RotationConvention(group).matrices(table), prefix)
     except ValueError as problem:
         raise complaint(
             f"{table.file}, columns {', '.join(group.columns)}",

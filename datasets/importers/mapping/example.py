@@ -42,7 +42,7 @@ _COUNTS = "# counts_per_deg = [...]   # in place of unit: encoder counts in one 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a recording needs: `quantities` in their order, the number of `joints`, and a valid `robot`, if any."""
+    """Requirements of a recording: `quantities` in their order, the number of `joints`, and a valid `robot`, if any."""
 
     quantities: tuple[str, ...]
     joints: int | None = None
@@ -109,7 +109,7 @@ def _other_lines(table: RawTable, mapping: Mapping, used: set[str]) -> list[str]
 
 
 def _content(cells: np.ndarray) -> str:
-    """What a column holds, in words."""
+    """Content of a column, in words."""
     if cells.dtype.kind != "f":
         return f"text such as {_quoted(str(cells[0]))}" if len(cells) else "no rows"
     finite = cells[np.isfinite(cells)]

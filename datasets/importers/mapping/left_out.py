@@ -1,4 +1,4 @@
-"""What a proposed mapping leaves out although it looks like a quantity: sentences for the person who completes it."""
+"""Unused columns of a proposed mapping that look like a quantity: sentences for the person who completes it."""
 
 from collections.abc import Iterable
 

@@ -65,7 +65,7 @@ class Group:
 
 @dataclass(frozen=True)
 class Join:
-    """How two tables become one: by row number, by a column that both have, by time, or with their rows appended.
+    """Join of two tables: by row number, by a column that both have, by time, or with their rows appended.
 
     `time_offset_s` is added to the times of the shorter table; None where nothing states it.
     """

@@ -1,4 +1,4 @@
-"""What a mapping states of a robot program that only its controller knows: [tool], [frame] and [controller].
+"""Statements of a mapping on data of a controller that a robot program lacks: [tool], [frame], [controller].
 
 [tool], [frame]: one transform for all positions, or one for each number or name, as in [tool.3].
 """

@@ -12,7 +12,7 @@ class Scatter:
 
     @property
     def word(self) -> str:
-        """What the truth calls it."""
+        """Name in the truth file."""
         tails = "heavy-tailed" if self.degrees else "Gaussian"
         stated = (
             "no sigma stated"

@@ -1,4 +1,4 @@
-"""Where the arm rests when more than its joints is wrong: bends, growth, run-out and a moving base.
+"""Static pose of an arm with errors beyond its joints: deflections, growth, run-out and a moving base.
 
 Stands on `datasets.makers.mujoco_arm`: the same MJCF tree, MuJoCo's own kinematics, springs and gravity.
 What grows with temperature is built again for every temperature. Samples first: (n, ...).

@@ -8,7 +8,7 @@ import numpy as np
 from sensors.hand_eye.checks.mistakes import Reading
 from sensors.hand_eye.checks.permutation import best_permutation, permuted, reassigned
 from sensors.hand_eye.checks.pose_data import Freedom, PoseData, PoseFit, kept_images
-from sensors.hand_eye.checks.pose_fit import fit_poses, refit, rough_misfit
+from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, refit
 from workbench.core.rigid import inverse
 
 OUTLIERS = "wrong-images"
@@ -58,7 +58,7 @@ def reading_alternatives(
 ) -> list[Alternative]:
     """The readings that fit best in closed form, fitted robustly."""
     tried = [(replace(data, moved=moved_of(reading.flange, kind)), reading) for reading in readings]
-    ranked = sorted(tried, key=lambda row: rough_misfit(row[0]))
+    ranked = sorted(tried, key=lambda row: approximate_misfit(row[0]))
     found = []
     for other, reading in ranked[:_REFINED]:
         fit = fit_poses(other)

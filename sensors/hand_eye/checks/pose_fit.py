@@ -42,7 +42,7 @@ def refit(data: PoseData, fit: PoseFit, freedom: Freedom, rough: bool = False) -
     return _descend(data, state, fit.labels, freedom, _FEW_STEPS if rough else _STEPS)
 
 
-def rough_misfit(data: PoseData) -> float:
+def approximate_misfit(data: PoseData) -> float:
     """mm, of the closed form alone: what ranks many alternatives."""
     return min(
         align(data.moved, data.seen[labels, np.arange(data.count)])[1]

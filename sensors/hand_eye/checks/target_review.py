@@ -15,7 +15,7 @@ from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_ro
 from sensors.hand_eye.checks.mistakes import pose_readings
 from sensors.hand_eye.checks.outlier_message import outlier_sentence
 from sensors.hand_eye.checks.pose_data import PoseData
-from sensors.hand_eye.checks.pose_fit import fit_poses, robust_starts, rough_misfit
+from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, robust_starts
 from sensors.hand_eye.checks.review import Finding, Named, Review, review
 from workbench.core.rigid import inverse, transform
 
@@ -78,7 +78,7 @@ def _target_alternatives(data: PoseData) -> list[Alternative]:
         (replace(data, seen=seen[None]), cause, seems, do)
         for cause, seems, do, seen in _readings(data.seen[0])
     ]
-    tried.sort(key=lambda row: rough_misfit(row[0]))
+    tried.sort(key=lambda row: approximate_misfit(row[0]))
     found = []
     for place, (other, cause, seems, do) in enumerate(tried):
         misfit = fit_poses(other).trimmed_rms if place < _REFINED else np.inf

@@ -46,7 +46,7 @@ class RejectedPoints:
 
     @property
     def called(self) -> str:
-        """What they depend on, in words."""
+        """Coordinate that they depend on, in words."""
         return _CALLED.get(self.depends_on, "")
 
     def as_json(self) -> dict:
@@ -88,7 +88,7 @@ def _rises(values: np.ndarray, wrong: np.ndarray) -> bool:
 
 
 def _region(found: RejectedPoints, chain, wrong: np.ndarray, shape: np.ndarray | None) -> str:
-    """Where the wrong points lie, in the coordinate that they depend on."""
+    """Region of the rejected points, in the coordinate that they depend on."""
     match found.depends_on:
         case ("u", "v"):
             return region_of(chain.pixels, wrong, "px")

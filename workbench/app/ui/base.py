@@ -310,7 +310,7 @@ class Tab:
             key = f"still_{name}"
             self.queue(key, lambda: self.state.update({key: still(*make())}))
 
-    def draw_in_turn(self, **makers: Callable) -> None:
+    def draw_sequentially(self, **makers: Callable) -> None:
         """Make and send figures one after another in the background, in the order given.
 
         Texts and tables reach the browser first, and clicks are answered between two figures. Of a figure that is
@@ -335,7 +335,9 @@ class Tab:
         """Make and send a figure in its turn, unless it is already drawn for the same key."""
         if self._drawn.get(name) != key:
             self._drawn[name] = key
-            self.draw_in_turn(**{name: functools.partial(self._prepared_or_made, name, key, make)})
+            self.draw_sequentially(
+                **{name: functools.partial(self._prepared_or_made, name, key, make)}
+            )
 
     def _prepared_or_made(self, name: str, key: tuple, make: Callable):
         known, plot = self._prepared.pop(name, (None, None))

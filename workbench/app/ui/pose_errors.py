@@ -61,7 +61,7 @@ class PoseErrors:
         self.state.pose_errors = [_row(error) for error in errors]
         self.state.pose_error_unit = errors[0].unit if errors else ""
         if errors:
-            self.tab.draw_in_turn(pose_errors=lambda: hand_eye.bars(self.tab.work))
+            self.tab.draw_sequentially(pose_errors=lambda: hand_eye.bars(self.tab.work))
         return bool(errors)
 
     def on_click(self, places, mode) -> None:

@@ -227,7 +227,7 @@ def _write_unjoined(mapping, comment: str, problem: InputError, file: Path, json
 
 
 def _guessed(found, options):
-    """What was found with the columns without a known header that fit the robot, and a comment on them.
+    """Mapping with the columns without a known header that fit the robot, and a comment on them.
 
     Unchanged and () where no robot is named, or no set of columns fits it, or several do.
     """

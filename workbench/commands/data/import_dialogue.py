@@ -1,4 +1,4 @@
-"""What `workbench import` shows and asks at a terminal."""
+"""Terminal dialogue of `workbench import`."""
 
 import shlex
 import sys
@@ -57,7 +57,7 @@ def next_command(recording, folder: Path) -> str:
 
 
 def next_lines(result, sources: Sequence[Path], folder: Path) -> list[str]:
-    """What to do next: what the warnings ask for first, then the command that calibrates."""
+    """Next actions: first those that the warnings require, then the command that calibrates."""
     command = next_command(result.recording, folder)
     if not result.doubts:
         return [f"Next: {command}"]

@@ -274,7 +274,7 @@ def _verdict(arm, found, refused, tolerances):
 
 
 def _composition(remaining: float, own_error: float, known) -> str:
-    """What the largest expected error consists of, and where the noise of the instrument is."""
+    """Components of the largest expected error, and where the noise of the instrument is included."""
     parts = (
         f"It combines {_remaining_words(remaining)} and {math.sqrt(own_error):.3g} mm of uncertainty at that target "
         "(parameters, extrapolation, effects found and not retained, inverse-kinematics residual)"

@@ -10,7 +10,7 @@ from workbench.commands.shared import answer, flow, tables
 
 
 class Refit(StrEnum):
-    """What is estimated again on the recording."""
+    """Parameters that are estimated again on the recording."""
 
     NONE = "none"
     BASE = "base"

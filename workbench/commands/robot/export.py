@@ -171,7 +171,7 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, s
 
 
 def _choose(source: Path, to: str) -> tuple[str, Path]:
-    """What of the source goes to the format, and its file. InputError says which formats the source has."""
+    """Part of the source that goes to the format, and its file. InputError names the formats of the source."""
     found = _contents(source)
     # `ros` of a folder that also holds a camera or a hand-eye transform means these
     for kind, path in sorted(found.items(), key=lambda item: item[0] == ARM):

@@ -17,7 +17,7 @@ FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """What belongs to some formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
+    """Options of single formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
     off by name (`without`), whether a doubtful calibration is used all the same (`force`), the mapping of the
     columns of the targets (`map`), and where the search for the readings of poses starts (`start`)."""
 
@@ -141,7 +141,7 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
 
 def _urdf_spec(arm, options: ArmOptions) -> dict | None:
-    """What names the URDF to patch: --urdf, else the file that the arm was calibrated with; None where it is MJCF."""
+    """Key of the URDF to patch: --urdf, else the file that the arm was calibrated with; None if it is MJCF."""
     from robot_model.files.mjcf import is_mjcf
 
     robot_keys = dict(arm.keys["robot"])

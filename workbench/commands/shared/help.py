@@ -71,7 +71,7 @@ class Command(TyperCommand):
         return super().parse_args(ctx, args)
 
     def _first_repeated(self, ctx, args: list[str]) -> str | None:
-        """What is wrong with the first option that is given twice, although only the last value would count."""
+        """Error message for the first option that is given twice, of which only the last value would be used."""
         *_, order = self.make_parser(ctx).parse_args(args=list(args))
         for parameter, count in Counter(order).items():
             is_option = parameter.param_type_name == "option"

@@ -40,7 +40,7 @@ def calibration(console, answer: Mapping) -> None:
 
 
 def combinations(stages: Sequence[Mapping]) -> str:
-    """How many combinations of its parameters the first stage determines; "" where these are all of them."""
+    """Number of identifiable parameter combinations of the first stage, in words; "" if all are identifiable."""
     if not stages or stages[0]["identifiable"] >= stages[0]["free"]:
         return ""
     stage = stages[0]
@@ -276,7 +276,7 @@ def _parameter(row: Mapping) -> list:
 
 
 def unidentified(parameters: Sequence[Mapping]) -> str:
-    """How many parameters are estimated, and what of the others; "" if all are estimated."""
+    """Numbers of estimated and of unidentifiable parameters, in words; "" if all are estimated."""
     missing = [row for row in parameters if not row["identifiable"]]
     if not missing:
         return ""

@@ -1,4 +1,4 @@
-"""What is compared with the residual: laws of the library, families of laws over one option, and smooth functions.
+"""Candidates compared with the residual: laws of the library, families over one option, and smooth functions.
 
 All three are a source of hypotheses. A hypothesis is a source with the `value` of what it leaves open: nothing of a
 `Candidate`, the option of a `Scan`, the names of the covariates of a function at a `Site`.
@@ -130,7 +130,7 @@ class Site:
 
     @property
     def resolution(self) -> int:
-        """How finely a function may change here, see `robot_model.effects.nonparametric.functions`."""
+        """Resolution of smooth functions on this recording, see `robot_model.effects.nonparametric.functions`."""
         return int(len(self.rows) == 1)
 
     @property

@@ -193,7 +193,7 @@ class Projected:
 
 
 def design_effect(y: np.ndarray, problem: Problem) -> float:
-    """How many coordinates of one pose are worth one, as they err together: Kish's design effect, at least 1.
+    """Kish's design effect of the coordinates of one pose, whose errors correlate, at least 1.
 
     Repeats of a pose share what the model misses there; they say ten times the same. From the sums
     over a pose against the sum of squares: 1 + (m - 1) rho on average (Kish, Survey Sampling, 1965). Times that of
@@ -210,7 +210,7 @@ def design_effect(y: np.ndarray, problem: Problem) -> float:
 
 
 def cached(cache: dict, key, make):
-    """What `make()` gives, made once."""
+    """Result of `make()`, computed once."""
     if key not in cache:
         cache[key] = make()
     return cache[key]
@@ -233,7 +233,7 @@ def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class SampleSums:
-    """What is left of k components with `rows` (k, E N) once the coordinates of a sample are summed, made on demand.
+    """Sums over the coordinates of each sample of k components with `rows` (k, E N), computed on demand.
 
     `score` (E n, k) with the residual, `added` (k, E n, W) with the basis of all added effects, `basis` (k, E n, R)
     with that of the baseline, `squares` (k, E n, k) with one another. `name`: under which what depends on these alone

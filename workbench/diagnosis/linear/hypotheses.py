@@ -57,7 +57,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What an answer is judged by: the effect and where it sits."""
+        """Effect and place, by which an answer is scored."""
         return (self.effect, self.where) if not self.smooth_covariates else ("unknown", self.where)
 
     @property

@@ -268,7 +268,7 @@ def observable_basis(columns: np.ndarray) -> np.ndarray:
 
 
 class Bench:
-    """What makes problems out of data, a robot with samples or a sensor chain, with what all benches share.
+    """Bench: makes linear problems from a robot with samples or from a sensor chain; common part of all benches.
 
     `baseline`: effects that the baseline already holds; `unit` of a measured point, mm or px; `needs_all_samples`:
     whether a search needs all samples, however many; `bends_with_effects`: whether its baseline follows a large effect
@@ -322,7 +322,7 @@ class Bench:
         return [p.unit for effect in effects for p in effect.parameters(self.chain)]
 
     def reviewed(self, found: "Found", samples: np.ndarray | None) -> "Found":
-        """What a search found, with what only this bench can say of it."""
+        """Findings of a search, completed by the statements that are specific to this bench."""
         return found
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> SmoothFunction:
@@ -397,7 +397,7 @@ class Located:
 
 @dataclass(frozen=True)
 class Found:
-    """What `select.find` returns, in the order found.
+    """Result of `select.find`, in the order of the search.
 
     `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
     p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:

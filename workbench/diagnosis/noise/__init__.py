@@ -1,4 +1,4 @@
-"""What the residual says of the noise: outliers, variance that depends on a covariate, and random effects.
+"""Noise of the residual: outliers, variance that depends on a covariate, and random effects.
 
 `data_findings` tests for outliers and heteroscedastic noise (`outliers`); `random_effects` for a place that
 varies at random from sample to sample; `rounded_readings` for a lattice of joint readings.

@@ -1,4 +1,4 @@
-"""What is wrong with the data rather than the model: outliers, and noise that is not the same everywhere."""
+"""Findings about the data rather than the model: outliers and heteroscedastic noise."""
 
 from collections.abc import Mapping, Sequence
 

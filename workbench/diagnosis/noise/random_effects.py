@@ -86,14 +86,15 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     # repeats of a pose err together: by Hoelder's inequality they count as one
     share = 1.0 / np.bincount(pose)[pose]
     scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
-    turns = np.array([_turned(site, z, share) for site in sites]) - _constant(z, share)
+    gains = np.array([_direction_likelihood(site, z, share) for site in sites])
+    gains -= _constant_shape_likelihood(z, share)
     by_score = float(norm.sf(scores.max()))
-    by_turn = _TRIED * float(np.exp(-max(turns.max(), 0.0)))
-    p = 2 * len(sites) * min(by_score, by_turn)
+    by_direction = _TRIED * float(np.exp(-max(gains.max(), 0.0)))
+    p = 2 * len(sites) * min(by_score, by_direction)
     if p > level:
         return None
     # likelihoods decide between places that are about as clear
-    is_near = (scores > MAJORITY * scores.max()) | (turns > max(MAJORITY * turns.max(), 0.0))
+    is_near = (scores > MAJORITY * scores.max()) | (gains > max(MAJORITY * gains.max(), 0.0))
     near = [sites[i] for i in np.flatnonzero(is_near)]
     near += [
         site for site in sites if is_rounding(site) and not any(site is other for other in near)
@@ -206,7 +207,7 @@ def _unit(z: np.ndarray) -> np.ndarray:
     return z / np.maximum(np.sqrt((z**2).sum(0)), 1e-300)
 
 
-def _turned(site, z, share) -> float:
+def _direction_likelihood(site, z, share) -> float:
     """Log likelihood of the directions of residuals z (m, n) with a random effect at a site in isotropic noise.
 
     Against directions that are all as likely; the angular central Gaussian: Tyler, Biometrika 74 (1987) 579.
@@ -218,8 +219,8 @@ def _turned(site, z, share) -> float:
     return float((-0.5 * logs @ share).max())
 
 
-def _constant(z, share) -> float:
-    """As `_turned`, of noise with the one shape, the same for all samples, that is likeliest (Tyler 1987).
+def _constant_shape_likelihood(z, share) -> float:
+    """As `_direction_likelihood`, for noise of one shape, at its maximum-likelihood estimate (Tyler 1987).
 
     One over the ratio of a place's likelihood to this is a valid p-value: the likeliest shape is no less likely than
     the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
@@ -335,7 +336,7 @@ def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
 
 
 def _which(site: Site) -> tuple:
-    """What tells a place from all others: all joints, and all along their last moves, are both of the clock."""
+    """Key of a place: all joints, and all along their last moves, share that of the clock."""
     return site.where, site.port, len(site.rows)
 
 
@@ -357,7 +358,7 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
 
 
 def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
-    """What could do it through a covariate that the recording does not hold, the likelier first."""
+    """Possible causes through a covariate that was not recorded, the most probable first."""
     site, covariates = random_effect.site, problem.covariates
     kurtosis, error = random_effect.kurtosis, random_effect.error
     has_two_values = abs(kurtosis + 2) < min(2 * error, abs(kurtosis))  # -2 is a coin's
@@ -374,7 +375,7 @@ def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Al
 
 
 def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
-    """What could make what a place shows of a covariate that was not recorded; problem: without what is said of it.
+    """Possible causes of the residual at a place through a covariate that was not recorded.
 
     Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
     changes with time.

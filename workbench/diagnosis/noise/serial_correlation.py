@@ -33,7 +33,7 @@ class SerialCorrelation:
 
     @property
     def design_effect(self) -> float:
-        """How many correlated poses are worth one independent one, for slow functions."""
+        """Design effect of serially correlated poses for slow functions: correlated poses per independent one."""
         return (1 + self.value) / (1 - self.value)
 
 

@@ -139,7 +139,7 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
 
 
 class SlicedBases(dict):
-    """What `Model.basis` keeps of a model on `samples` (n,) bool: (effect, cause) -> basis there.
+    """Cached bases of `Model.basis` on `samples` (n,) bool: (effect, cause) -> basis there.
 
     whole: a model of all samples. names: description of an effect -> the effect by which `whole` knows it; shared by
     all parts, whose libraries make equal effects of their own.
@@ -221,7 +221,7 @@ class RobotBench(Bench):
         self._start = None
 
     def __getstate__(self) -> dict:
-        """What another process needs: not what was solved before."""
+        """State for another process, without cached solutions."""
         return self.__dict__ | {"_parts": {}}
 
     def problem(
@@ -252,7 +252,7 @@ class RobotBench(Bench):
         return replace(problem, function_cache=part.function_cache, rotation=rotation)
 
     def _part(self, samples) -> _Part:
-        """What is kept of some samples, of the last few that were asked for."""
+        """Cached results of some samples; the last few requests are kept."""
         key = _key(samples)
         part = self._parts.pop(key, None)
         if part is None:
@@ -286,7 +286,7 @@ class RobotBench(Bench):
 
     @cached_property
     def mass_laws(self) -> tuple[Variant, ...]:
-        """What first moments that are only nearly known change in each elastic law; none without masses."""
+        """Response of each elastic law to uncertain first mass moments; none without masses."""
         known = [
             variant for variant in variants(CATALOGUE, self.chain) if variant.effect.mass_dependent
         ]

@@ -30,7 +30,7 @@ MASS_SHARE, CENTRE_MM = 0.05, 5.0
 
 
 class MassResponse(Effect):
-    """What a law's deflection changes by per standard deviation of each first moment, as P M parameters.
+    """Change of a law's deflection per standard deviation of each first moment, as P M parameters.
 
     `inner`: a law with P parameters. Parameter after parameter, M = 3 J + 3 columns each: of every link along x, y and
     z, then of the load. It joins no model: its columns are the nuisance that a mass uncertainty makes.

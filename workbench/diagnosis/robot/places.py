@@ -1,4 +1,4 @@
-"""Where a robot's model may be wrong without a law being known: places, growth of links, scans over one number."""
+"""Places of a robot for terms without a known law: smooth functions, growth of links, scans over one option."""
 
 from itertools import combinations, product
 
@@ -34,7 +34,7 @@ def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
     parameters; elastic: whether the model holds a compliance.
     """
     found = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
-    return (*found, *_floor(chain, rows, _FRAME))
+    return (*found, *_periodic_base(chain, rows, _FRAME))
 
 
 def _scan(grid: Grid, chain, rows, columns) -> Scan:
@@ -121,7 +121,7 @@ def _varying(covariates, names):
     return tuple(name for name in names if np.ptp(covariates[name]) > 1e-9)
 
 
-def _floor(chain, rows, turns) -> list[Scan]:
+def _periodic_base(chain, rows, sizes) -> list[Scan]:
     """The base moving to and fro at any rate from twice in the recording to twice the samples' mean distance."""
     time = clock(chain.state)
     span = np.ptp(time)
@@ -129,10 +129,10 @@ def _floor(chain, rows, turns) -> list[Scan]:
     if span <= 0 or not len(cycles):
         return []
     units = ("mm", "mm", "mm", "rad", "rad", "rad")
-    unit = PeriodicMotion("base", 1.0, units, turns).option_unit(chain, "rate")
+    unit = PeriodicMotion("base", 1.0, units, sizes).option_unit(chain, "rate")
 
     def make(rate):
-        return (PeriodicMotion("base", rate, units, tuple(turns.tolist())),)
+        return (PeriodicMotion("base", rate, units, tuple(sizes.tolist())),)
 
     flat = _flat(rows("frame", chain.port_indices("frame", "base")))
     return [
@@ -144,7 +144,7 @@ def _floor(chain, rows, turns) -> list[Scan]:
             time,
             2 * np.pi * cycles / span,
             np.ones(len(cycles)),
-            turns,
+            sizes,
             "",
             make,
             f"to and fro, {{:g}} {unit}",

@@ -102,7 +102,7 @@ class SensorBench(Bench):
 
     @property
     def of_board_stripes(self) -> slice:
-        """Where stripes on boards stand among the samples."""
+        """Positions of stripes on boards among the samples."""
         first = self.chains.counts[0]
         return slice(first, first + self.chains.board_stripes.n)
 
@@ -289,7 +289,7 @@ class SensorBench(Bench):
         return [p.unit for effect in effects for p in effect.parameters(chain)]
 
     def reviewed(self, found: Found, samples: np.ndarray | None = None) -> Found:
-        """What the search hands on: its findings and their confounded effects, each solved in full."""
+        """Findings of the search and their confounded effects, each solved with the full model."""
         return reviewed(self, found, samples)
 
     def typical(self, effect: Effect) -> np.ndarray:

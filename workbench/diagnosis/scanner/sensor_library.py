@@ -26,7 +26,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a recording of a scanner holds; implements `workbench.core.effect.Recorded`.
+    """Contents of a recording of a scanner; implements `workbench.core.effect.Recorded`.
 
     `stripes`: whether it has any; `mirror`: whether the angles of a mirror are known, and `mirror_angles` (S,) rad
     those of the steps; `balls`: numbers of the balls, 0 for one without a number; `varying`: recorded columns that are
@@ -50,7 +50,7 @@ class Kind:
     line_along: str = "rows"
 
     def places(self, kind: str) -> tuple[str, ...]:
-        """What `where` of an effect may be here; () where there is no such place."""
+        """Values of `where` of an effect on this recording; () if there is no such place."""
         if kind == "ball":
             return tuple(f"ball-{number}" for number in self.balls if number)
         present = {
@@ -71,7 +71,7 @@ class Kind:
 
 
 def places(kind: Kind) -> list[Place]:
-    """Where something unnamed may act; a column nobody modelled may matter anywhere."""
+    """Places of smooth alternatives; a recorded column without a model is tested at every place."""
     more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s", *Blooming.needs}))
     turning = tuple(sorted(kind.varying & {"sweep", "mirror_speed_deg_s"}))
     found = [

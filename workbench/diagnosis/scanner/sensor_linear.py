@@ -191,7 +191,7 @@ class Linear:
         return np.concatenate(whitened, axis=1)
 
     def problem(self) -> Problem:
-        """What the engine looks at."""
+        """The linear problem of the search."""
         used, parts = self.every, self.parts
         added, values = self.added()
         sample, first = [], 0

@@ -50,7 +50,7 @@ _DISTANCES = (0.1, 0.25)
 
 @dataclass(frozen=True)
 class SurfaceDiagnosis:
-    """What was found in a recording.
+    """Findings of a recording.
 
     `retained` and `refused` terms; signed held-out errors `before` and `after` (n,) mm; errors that are `shared` by
     points of a pose; `noise` (mm) of points and flange poses next to all terms; `covariates` (n,) by name; the
@@ -308,7 +308,7 @@ def _alternative_json(candidate: Candidate, probability: float) -> dict:
 
 
 def statement(found: Found) -> str:
-    """What was found, in a sentence."""
+    """The finding in a sentence."""
     candidate = found.candidate
     numbers = ", ".join(
         f"{with_std(value, std)} {unit}".strip()

@@ -47,7 +47,7 @@ class Candidate:
 
     @property
     def kind(self) -> tuple:
-        """What it is but for the number of terms: functions of one covariate along one axis are one alternative."""
+        """Kind regardless of the number of terms: functions of one covariate along one axis are one alternative."""
         return (self.effect, self.where, self.depends_on, self.label.split(",")[0])
 
     @property
@@ -124,7 +124,7 @@ def _of_ball(data: SurfaceData) -> Iterator[Candidate]:
 
 
 def _of_poses(data: SurfaceData) -> Iterator[Candidate]:
-    """What moves the sensor as a whole: gravity, and time."""
+    """Motions of the whole sensor: under gravity, and with time."""
     in_flange = np.einsum("nji,nj->ni", data.flange[data.pose, :3, :3], data.normal)
     gravity = -data.flange[data.pose, 2, :3]  # of a base whose z is vertical
     about = (ToolDeflection.effect, "tool", "sag under its own weight")

@@ -76,6 +76,6 @@ def _represents_law(function: Hypothesis, law: Hypothesis) -> bool:
 
 
 def _is_too_fast(law: Hypothesis) -> bool:
-    """Whether a wave has more turns in these poses than a function can follow that may change sharply."""
+    """Whether a wave has more cycles in these poses than the sharpest smooth function can follow."""
     is_wave = law.effect == _WAVE and isinstance(law.source, Scan)
     return is_wave and law.value * np.ptp(law.source.x) / 2 > SHARP_DEGREE

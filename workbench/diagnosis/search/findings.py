@@ -1,4 +1,4 @@
-"""What a search accepted, as findings: each with its probability among all that might stand in its place."""
+"""Accepted terms as findings, each with its posterior probability among its alternatives."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -229,7 +229,7 @@ def _with_set_posterior(
 def _alternatives(
     table, shares, judged, unexplained: float, noise: float
 ) -> tuple[Alternative, ...]:
-    """What else is in the 95 % credible set, or so near in what it explains that what is left could tip the balance.
+    """Alternatives in the 95 % credible set, or so near in explained variance that the residual could decide.
 
     Also a compliance at another place that explains as much but for chance: only its prior differs. Also a joint
     compliance under its own links alone: it equals one with estimated masses if the load's mass is zero.

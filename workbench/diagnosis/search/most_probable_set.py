@@ -186,7 +186,7 @@ def _with_effect(bench, h: Hypothesis) -> Hypothesis:
 
 
 def order_by_gain(search: Search) -> None:
-    """What explains most first, then what explains most conditional on it, and so on."""
+    """Terms by conditional gain: each explains most of the residual given those before it."""
     if len(search.accepted) < 2:
         return
     added = search.problem.added_effects

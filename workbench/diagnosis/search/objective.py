@@ -40,7 +40,7 @@ _KEPT = 16
 
 @dataclass(frozen=True)
 class Accepted:
-    """How many of the first terms are accepted, and number -> columns (N, P) of the loads among them, as solved."""
+    """Number of accepted terms, and number -> columns (N, P) of the loads among them, as solved."""
 
     count: int = 0
     loads: Mapping[int, np.ndarray] = field(default_factory=dict)

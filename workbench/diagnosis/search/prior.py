@@ -177,7 +177,7 @@ class _ComplianceScale:
 
 @dataclass(frozen=True)
 class _Residual:
-    """What an orthonormal `basis` (N, R) leaves of a residual: `y` (N,), its `yy` and `degrees`, as of `Projected`."""
+    """Residual `y` (N,) orthogonal to an orthonormal `basis` (N, R), its `yy` and `degrees`, as of `Projected`."""
 
     basis: np.ndarray
     y: np.ndarray
@@ -222,7 +222,7 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class MassUncertainty:
-    """What first moments of the links, each off by one standard deviation, change: columns (N, M), cleared.
+    """Responses to a change of each first mass moment by one standard deviation: columns (N, M), cleared.
 
     `basis` (N, R): of the baseline.
     """

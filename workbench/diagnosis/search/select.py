@@ -1,4 +1,4 @@
-"""What a baseline leaves out: the likeliest set of missing terms, searched together with the noise of the samples.
+"""Unmodelled effects of a baseline: the most probable set of terms, searched together with the noise.
 
 In this order: is anything missing at all (a family-wise test); the likeliest set of terms (`search`); the same where
 the noise turns out to depend on a covariate, or a place to have a random effect; then findings with their
@@ -57,7 +57,7 @@ def find(
     progress: Callable[[str], None] = lambda text: None,
     first: Callable[[Sequence[Hypothesis]], None] = lambda terms: None,
 ) -> Found:
-    """What the baseline of a bench leaves out, on `samples` (n,) bool (None: all).
+    """Unmodelled effects of the baseline of a bench, on `samples` (n,) bool (None: all).
 
     level: chance of a false alarm on the whole search. first: called with the first set of terms, long before the
     search ends. Raises what the bench's solve raises.

@@ -249,5 +249,5 @@ def _conditional_scores(problem: Problem, i: int, others: tuple[int, ...]) -> tu
 
 
 def name_of(h: Hypothesis) -> tuple:
-    """What tells a hypothesis from all others."""
+    """Unique key of a hypothesis."""
     return (*h.key, h.label)

@@ -280,7 +280,7 @@ class _Trial:
         return float(np.median(changes)) / max(float(self.fitted @ self.fitted), 1e-300)
 
     def permuted(self, rng):
-        """What the effects would do if every pose were another."""
+        """Responses of the effects with permuted poses."""
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
         return self.small[:, :, self.chain.columns_of(_permuted_rows(self.problem.pose, rng))]

@@ -50,7 +50,7 @@ def reject_explained_by_correlated_noise(
 def with_correlated_noise(
     bench: Bench, found: Found, effects: Sequence[Effect], after: Problem
 ) -> tuple[Found, SerialCorrelation | None]:
-    """What was found, with the p-values of correlated noise where this explains what is left; and its correlation.
+    """Findings with p-values for correlated noise where this explains the residual; and its correlation.
 
     effects: those retained; after: the problem with them. Where structure remains that the correlation of what is left
     does not explain, this is no noise, and the second is None.

@@ -340,7 +340,7 @@ class Errors:
 
 
 def name_of(effect: Effect) -> str:
-    """What tells an effect from every other."""
+    """Unique key of an effect."""
     return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
 
 

@@ -232,7 +232,7 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
 def _search_nested(
     bench, find: Find, parts: list[Scheme], say, jobs: int
 ) -> list[dict[int, list[Finding]]]:
-    """What the search finds on the other folds, and what of it a held-out test on those alone leaves, fold by fold."""
+    """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold."""
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
     start = time.perf_counter()
@@ -249,7 +249,7 @@ def _search_nested(
 
 
 def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
-    """What search and held-out test leave on `samples` (n,) bool, which are then all that it has seen.
+    """Terms that search and held-out test retain on `samples` (n,) bool; no other samples are used.
 
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """

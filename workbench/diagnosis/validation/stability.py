@@ -165,7 +165,7 @@ class _SolvedFold:
 
 
 def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _SolvedFold]:
-    """What each fold found, with a part (n,) bool of the samples (None: all) solved with that."""
+    """Terms of each fold, with a part (n,) bool of the samples (None: all) solved with them."""
     out = {}
     for k, found in nested.items():
         problem = bench.problem(effects_of(found), part, hypotheses=False)

@@ -1,4 +1,4 @@
-"""What a proof says of each term and of all: terms with their figures, controls, and held-out errors."""
+"""Validation of each term and of all together: figures, controls, and held-out errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

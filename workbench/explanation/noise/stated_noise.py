@@ -45,7 +45,7 @@ class NoiseRatio:
 
 @dataclass(frozen=True)
 class StatedNoise:
-    """What is compared with the stated noise.
+    """Estimate that is compared with the stated noise.
 
     white (m, n): residuals of the final model over the stated sigma, not weighted; degrees: their degrees of freedom;
     inliers (n,) bool: not an outlier; pose (n,): labels of repeated poses; index (n,): target of each sample.

@@ -1,4 +1,4 @@
-"""What a diagnosis found, in runnable form: a plan, a solution and a scene of the corrected model.
+"""The corrected model of a diagnosis in runnable form: a plan, a solution and a scene.
 
 The plan holds the geometry, the effects of the baseline and one stage a term that was kept. The recording is
 calibrated by it, so that the solution has a covariance and held-out errors like that of every calibration. Terms that

@@ -195,7 +195,7 @@ def _unconfirmed(found: Finding) -> str:
 
 
 def _of_jitter(term: Term) -> str:
-    """How far whole stripes are displaced at random, what does that, and what to do."""
+    """Standard deviation of random displacements of whole stripes, possible causes, and what to do."""
     row = term.parameters[0]
     return (
         f"Whole stripes are displaced at random from image to image by {row['value']:.2g} ± {row['std']:.1g} px "
@@ -206,7 +206,7 @@ def _of_jitter(term: Term) -> str:
 
 
 def _of_focal_length(term: Term) -> str:
-    """How far the focal length scatters, what does that, and what to do."""
+    """Standard deviation of the focal length between images, possible causes, and what to do."""
     row = term.parameters[0]
     return (
         f"The focal length differs at random from image to image by {100 * row['value']:.2g} ± "
@@ -217,7 +217,7 @@ def _of_focal_length(term: Term) -> str:
 
 
 def _of_laser_line(found: Finding) -> str:
-    """What the images show of the laser line, where it depends on, and what to do."""
+    """Anomaly of the laser line in the images, its dependence, and what to do."""
     label = found.label.removeprefix(LINE_STRUCTURE)
     if found.effect == Blooming.effect:
         return (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_model.chain import ALPHA, BETA, A, D, forward, geometry_rows, geometry_turns
+from robot_model.chain import ALPHA, BETA, A, D, forward, geometry_rotations, geometry_rows
 from robot_model.measurements.closure import flange_matrices
 from robot_model.postures.task_priority import LEVER_MM, Task, pose_difference
 from robot_model.state import sliding
@@ -45,7 +45,7 @@ class GeometryFit:
 
     @property
     def sentence(self) -> str:
-        """What a user must know of a file with this geometry."""
+        """Limitation of a file with this geometry, for the user."""
         return (
             "This format holds geometry alone. The geometry was fitted to the complete model within the recorded "
             f"ranges and differs from it by {self.rms_mm:.3g} mm RMS (largest {self.largest_mm:.3g} mm) at the tool; "
@@ -123,7 +123,7 @@ class _Problem:
         """(6 n, K) derivatives and (6 n,) errors: position (mm), then rotation at the lever (mm)."""
         frames = self._frames(geometry)
         shifts = geometry_rows(self.arm.robot, frames, frames.point(self._point), port_indices)
-        rotations = LEVER_MM * geometry_turns(frames, port_indices)
+        rotations = LEVER_MM * geometry_rotations(frames, port_indices)
         rows = np.concatenate([shifts, rotations], 1).reshape(len(port_indices), -1)
         error = pose_difference(_poses(frames), self.wanted, self._point)
         return rows.T, np.concatenate([error[:3], LEVER_MM * error[3:]]).ravel()

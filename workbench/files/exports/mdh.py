@@ -53,7 +53,7 @@ def mdh_csv(arm: CalibratedArm) -> str:
 
 
 def left_out(arm: CalibratedArm) -> list[str]:
-    """What a table of lengths and angles cannot say: use `workbench compensate` for these."""
+    """Effects that a table of lengths and angles cannot represent: use `workbench compensate` for these."""
     return [effect.title for effect in arm.effects]
 
 

@@ -356,7 +356,7 @@ def _text(numbers) -> str:
 
 
 def _note(arm: CalibratedArm) -> str:
-    """What the file says of itself."""
+    """Comment at the head of the file."""
     words = [
         f"Geometry as calibrated, held-out RMS {arm.held_out_mm:.4g} mm.",
         "For static poses: inertias are placeholders.",

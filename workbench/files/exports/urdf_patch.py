@@ -175,7 +175,7 @@ def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[
 
 
 def _rest_at_flange(tree: Tree, path, moving, moves) -> tuple[str, ...]:
-    """What the flange moves by beyond the last axis, where no fixed joint follows that could take it."""
+    """Displacement of the flange beyond the last axis, where no fixed joint follows that could include it."""
     if path[-1] is not moving[-1]:
         return ()
     tip = tree.places[path[-1].child]

@@ -1,1 +1,1 @@
-"""What image jobs share: folders of images, flange poses, ball names, visibility and ground truth."""
+"""Common parts of image jobs: folders of images, flange poses, ball names, visibility and ground truth."""

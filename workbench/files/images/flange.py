@@ -1,4 +1,4 @@
-"""Where the flange was when a image was taken: as the controller said, or from joint readings."""
+"""Flange poses of images: as the controller reports them, or from joint readings."""
 
 from collections.abc import Sequence
 

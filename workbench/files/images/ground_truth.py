@@ -1,4 +1,4 @@
-"""How far a result lies from the truth of rendered images."""
+"""Errors of a result against the truth of rendered images."""
 
 from collections.abc import Mapping, Sequence
 

@@ -35,7 +35,7 @@ def by_role(recording, role: str) -> Rows:
 
 
 def path_of(recording, row: Mapping) -> Path:
-    """Where the image of a row lies."""
+    """Path of the image of a row."""
     return Path(recording.folder) / row["image"]
 
 
@@ -67,7 +67,7 @@ def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
 
 
 def streamed(rows: Sequence, work: Callable, tick: Callable[[int, int], None]) -> Iterator:
-    """What `work` makes of each row, in order; a few rows ahead at a time, so that no more are in memory.
+    """Results of `work` for each row, in order; only a few rows ahead are computed and kept in memory.
 
     tick: called with (done, all). The libraries that read and search images let go of the
     interpreter, so that threads keep every core busy.

@@ -1,4 +1,4 @@
-"""What a sensor on the arm can see of a ball: how far off, how wide, from how far below its top, past what."""
+"""Visibility of a ball from a sensor on the arm: distances, angles of view, and occlusion."""
 
 from dataclasses import dataclass, replace
 

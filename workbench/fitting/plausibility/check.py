@@ -86,7 +86,7 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
 
 
 def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspicion]:
-    """What is suspicious of a fit; nothing else where another direction of gravity explains a bad fit."""
+    """Suspicions from a fit; only the direction of gravity where another one explains a bad fit."""
     try:
         gravity = find_gravity(robot, recording, fit)
     except FAILURES:
@@ -102,14 +102,14 @@ def _gravity_or_fit(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
 
 
 def _of_drives(robot, recording, fit: Fit) -> list[Suspicion]:
-    """What the recording decides about the couplings of the robot file."""
+    """Suspicions about the couplings of the robot file that the recording decides."""
     if fit.core > good_scale(robot, recording):
         return []
     return _judged(coupled_drives, robot, recording, fit)
 
 
 def _judged(judge, robot, recording, fit: Fit) -> list[Suspicion]:
-    """What a check says of a fit; nothing where it does not suit the recording."""
+    """Suspicions of one check about a fit; none where the check is not applicable."""
     try:
         found = judge(robot, recording, fit)
     except FAILURES:

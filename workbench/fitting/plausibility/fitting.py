@@ -95,7 +95,7 @@ def scatter_of_points(recording) -> float:
     return max(float(np.sqrt(nearest.mean())), 1e-9)
 
 
-def hopeless_mm(robot: Robot, recording) -> float:
+def unexplainable_misfit_mm(robot: Robot, recording) -> float:
     """mm of misfit with the nominal geometry above which plausible geometry errors cannot be the reason.
 
     Errors of the size of `geometry_prior`, base and tool fitted, displace a tool by a few percent of the RMS distance

@@ -16,8 +16,8 @@ from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
     fit_recording,
-    hopeless_mm,
     nominal_scales,
+    unexplainable_misfit_mm,
 )
 from workbench.fitting.plausibility.hypotheses.artefact_corrections import artefact_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import (
@@ -78,7 +78,7 @@ def single_corrections(robot, recording) -> list[Correction]:
 
 @dataclass(frozen=True)
 class Search:
-    """What was found so far: explanations, the best first, and the screened candidates to continue from."""
+    """State of the search: explanations, the best first, and the screened candidates to continue from."""
 
     explanations: tuple[Explanation, ...]
     beam: tuple[Candidate, ...]
@@ -151,7 +151,9 @@ def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
     found = []
     for candidate in _promising(candidates):
         arm, corrected = candidate.correction.apply(robot, recording)
-        if candidate.scale > candidate.correction.comparable(hopeless_mm(arm, corrected)):
+        if candidate.scale > candidate.correction.comparable(
+            unexplainable_misfit_mm(arm, corrected)
+        ):
             continue
         try:
             fit = fit_recording(arm, corrected.select(rows[rows < corrected.n]))

@@ -1,4 +1,4 @@
-"""What looks wrong with a recording: one sentence, how certain it is, and the cause in one word."""
+"""Suspicion about a recording: one sentence, its certainty, and the cause in one word."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

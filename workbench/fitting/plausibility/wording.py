@@ -23,7 +23,7 @@ def fit_words(fit) -> str:
 
 
 def change_point_sentence(named, change) -> str:
-    """What moved, when and how far, and what to do."""
+    """Sentence on a change point: moved object, instant, distance, and what to do."""
     return (
         f"{named}, samples {change.before} and {change.after}: between them {change.what} has moved (the measured "
         f"points by about {change.shift_mm:.3g} mm); no single model fits both parts; find the jump with `workbench "

@@ -1,4 +1,4 @@
-"""How large effects of one kind are here: the scale of their prior, from the data themselves.
+"""Scale of the prior of effects of one kind, estimated from the data (empirical Bayes).
 
 The joints of one arm have gears of one make and bearings of one size. What the torsion of those that
 the data determine well has come out to be says how large that of the others may be: far less

@@ -137,7 +137,7 @@ def _is_above(quantity: _Quantity, overfitted: str) -> bool | None:
 
 
 def _too_few_poses(quantity: _Quantity) -> str:
-    """What a held-out error means that is significantly above both the noise and the fit; else ''."""
+    """Sentence on a held-out error that is significantly above both the noise and the fit error; else ''."""
     noise = quantity.noise.value if quantity.noise else 0.0
     expected = max(quantity.corrected, noise)
     if not expected > 0 or not math.isfinite(quantity.held_out):

@@ -45,7 +45,7 @@ class DiagnosisCheck:
     noise: NoiseReport | None
 
     def keys(self, answer: Mapping) -> dict:
-        """What joins the JSON `answer` of the diagnosis: verdict_details, noise and more warnings."""
+        """Keys added to the JSON `answer` of the diagnosis: verdict_details, noise and more warnings."""
         more = self.noise.warnings if self.noise else ()
         if any(effect["effect"] in NOISE_LEVELS for effect in answer["effects"]):
             more = self.noise.alarms if self.noise else ()  # the finding says the rest
@@ -133,7 +133,7 @@ def _replicates(held_out: Mapping, components: int) -> Replicates | None:
 
 
 def _structure(diagnosis) -> Structure:
-    """What the diagnosis itself says of structure in the residual: it searched more than the global test does."""
+    """Structure of the residual according to the diagnosis, which searches more than the global test does."""
     if diagnosis.verdict in _WITHOUT_STRUCTURE:
         return Structure(1.0, 0.0, ())
     names = [

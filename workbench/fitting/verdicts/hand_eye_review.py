@@ -1,4 +1,4 @@
-"""What is checked before a hand-eye transform is computed: flange poses, joint readings, camera and board."""
+"""Checks before a hand-eye transform is computed: flange poses, joint readings, camera and board."""
 
 import itertools
 from collections.abc import Callable
@@ -23,7 +23,7 @@ OVERRIDE = "--trust-data"
 
 @dataclass(frozen=True)
 class Observed:
-    """What a hand-eye solve starts from: `views` of the board of `found`, the `camera` and whether it was `made` from
+    """Input of a hand-eye solve: `views` of the board of `found`, the `camera` and whether it was `made` from
     these images, flange `poses` (P, 4, 4) at `rows` (P,) of samples.csv, and the `kind`."""
 
     recording: Recording

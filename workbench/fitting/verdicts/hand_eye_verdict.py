@@ -250,7 +250,7 @@ def _profiles(hand_eye: HandEye, tolerances) -> Verdict:
 
 
 def _rest(hand_eye: HandEye) -> str:
-    """What the model attributes the distances beyond the noise of the profiles to, and what to do."""
+    """Cause to which the model attributes the distances beyond the noise of the profiles, and what to do."""
     place, _ = flange_errors(hand_eye.robot_sigma)
     radius = hand_eye.robot_sigma.get("radius_mm", 0.0)
     if radius > place:
@@ -265,7 +265,7 @@ def _rest(hand_eye: HandEye) -> str:
 
 
 def handeye_warnings(run) -> list[str]:
-    """What a user must read before the result is used: suspected mistakes, what is undetermined, images left out."""
+    """Warnings about a hand-eye result: suspected mistakes, unidentifiable parameters, rejected images."""
     hand_eye, causes = run.made, undetermined_causes(run)
     left_out = [
         f"{name if run.board is None else f'image {name}'}: {row.why}"
@@ -325,7 +325,7 @@ def _wrong_radius(run) -> tuple[str, ...]:
 
 
 def undetermined(run) -> list[str]:
-    """What is undetermined of transform, board and camera, the causes first."""
+    """Unidentifiable parameters of transform, board and camera, the causes first."""
     causes = undetermined_causes(run)
     return [*causes, *(cause for cause in run.made.undetermined if cause not in causes)]
 

@@ -1,4 +1,4 @@
-"""What is in doubt about the laser line of a scanner's calibration, which no residual need show, with its place."""
+"""Anomalies of the laser line of a scanner, with their place, which residuals need not show."""
 
 from dataclasses import dataclass
 

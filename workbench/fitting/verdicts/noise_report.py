@@ -145,7 +145,7 @@ class NoiseReport:
 
     @property
     def advice(self) -> str:
-        """What a residual above the noise most likely means and what to do, as a part of a sentence."""
+        """Most probable cause of a residual above the noise and what to do, as a part of a sentence."""
         found = self.findings
         if self.alarms and not found.outlying:
             return "recording and model probably do not belong together; see the warnings"
@@ -231,7 +231,7 @@ def _is_below(found: Findings) -> bool:
 
 
 def _bound(found: Findings) -> float:
-    """What can be noise at most: the residual less what is certainly structure."""
+    """Upper bound of the noise: the residual less its certain structure."""
     share = found.structure.share if found.structure else 0.0
     return float(found.residual_rms * np.sqrt(max(1 - share, 0.0)))
 
@@ -254,7 +254,7 @@ def _implausible(found: Findings) -> tuple[str, ...]:
 
 
 def _above_noise(found: Findings) -> float:
-    """What the 3-D RMS (mm) holds beyond the stated noise, else beyond that of replicates: noise is no fault."""
+    """Part of the 3-D RMS (mm) above the stated noise, else above that of replicates."""
     noise = found.stated or (found.replicates.sigma if found.replicates else 0.0)
     return float(np.sqrt(max(found.rms**2 - found.components * noise**2, 0.0)))
 

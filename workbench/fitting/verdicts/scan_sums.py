@@ -1,4 +1,4 @@
-"""What all balls of all scans say together: residuals, lack of fit, radii and distances between balls."""
+"""Pooled statistics of all balls of all scans: residuals, lack of fit, radii and distances between balls."""
 
 import math
 from collections.abc import Mapping

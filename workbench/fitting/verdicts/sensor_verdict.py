@@ -149,7 +149,7 @@ def _wide(calibration) -> str:
 
 
 def camera_trust(calibration) -> Trust:
-    """What the file of a `CameraCalibration` says of its own trustworthiness."""
+    """Trustworthiness of a `CameraCalibration`, as stated in its file."""
     is_usable = camera_verdict(calibration).passed is not False
     return Trust(is_usable, tuple(camera_warnings(calibration)))
 
@@ -226,7 +226,7 @@ def scanner_warnings(
 
 
 def line_warnings(calibration, asymmetry: Asymmetry | None = None) -> list[str]:
-    """What is in doubt about the laser line itself of a `ScannerCalibration`, which no residual need show."""
+    """Warnings about the laser line itself of a `ScannerCalibration`, which residuals need not show."""
     return [doubt.sentence for doubt in line_doubts(calibration, asymmetry)]
 
 
@@ -297,7 +297,7 @@ def _large_errors(calibration) -> list[str]:
 def scanner_trust(
     calibration, misfit: Misfit | None = None, asymmetry: Asymmetry | None = None
 ) -> Trust:
-    """What the file of a `ScannerCalibration` says of its own trustworthiness.
+    """Trustworthiness of a `ScannerCalibration`, as stated in its file.
 
     Lack of fit is a further displacement of each stripe of a later scan, since it is not known whether its cause stays.
     """
@@ -330,7 +330,7 @@ def _is_unusable(calibration) -> bool:
 
 
 def _advice(misfit: Misfit | None) -> str:
-    """What to look for where the line lies far from its light planes."""
+    """Points to check where the line lies far from its light planes."""
     if misfit is not None and misfit.shift_px > _MAINLY * misfit.total_px:
         return (
             "nearly all of it displaces whole stripes, as a mirror does that does not reach its angle (jitter, "

@@ -62,7 +62,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Noise:
-    """What the noise alone makes of the same statistic, in the same unit.
+    """Expectation of the same statistic under noise alone, in the same unit.
 
     `value`: for the RMS of a 3-D distance it is sqrt(3) times sigma of one coordinate. `source` says how it is known:
     `STATED`, `REPLICATES`, `RESIDUALS` or a phrase of the caller's. `expected`: what noise and estimated parameters,

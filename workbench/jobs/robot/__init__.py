@@ -1,1 +1,1 @@
-"""What the commands for an arm run."""
+"""Jobs of the commands for an arm."""

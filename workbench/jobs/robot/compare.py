@@ -236,7 +236,7 @@ def _fit_rms(calibration) -> dict:
 
 
 def _parameters(calibration) -> dict:
-    """What a plan frees, and how much of it these data determine, of the stages that stayed."""
+    """Parameters that the retained stages of a plan free, and how many of them are identifiable."""
     retained = [stage for stage in calibration.stages if stage.earned] or list(calibration.stages)
     return {"free": retained[-1].free, "identifiable": calibration.solution.identified}
 

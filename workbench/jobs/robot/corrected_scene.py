@@ -124,7 +124,7 @@ def target_keys(recording, values: Parameters, chain) -> dict:
 
 
 def share_of_limits(chain) -> float:
-    """How much of the joints' limits the recording uses: the median share, within what a scene takes."""
+    """Share of the joint limits that the recording uses: the median, clipped to the range of a scene."""
     limits = chain.robot.limits
     span = np.ptp(limits, axis=1)
     readings = least_squares(chain.robot.mixing, chain.variables)

@@ -153,7 +153,7 @@ class Evaluated:
         return bool(unbiased <= _EXPLAINED * self.arm.keys["held_out"]["rms_mm"])
 
     def _better_elsewhere(self) -> str:
-        """What the better fit with another base and tool says, and what to do."""
+        """Sentence on a better fit with another base and tool, and what to do."""
         errors, refitted = error_summary(self.residual), error_summary(self.refitted)
         text = (
             f"The RMS position error is {errors['rms_mm']:.3g} mm with base and tool of the calibration, and "

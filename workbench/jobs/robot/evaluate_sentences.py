@@ -1,4 +1,4 @@
-"""What the errors with base and tool estimated on a recording say about a calibration, as sentences of a verdict."""
+"""Sentences of a verdict from the errors with base and tool estimated on a recording."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How much each kinematic parameter moves the end of an arm: sensitivity and average significance index."""
+"""Sensitivity of the end of an arm to each kinematic parameter, and average significance index."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -55,7 +55,7 @@ def _without_effects_named(scene: Scene, patterns: Sequence[str], path: Path) ->
 
 @dataclass(frozen=True)
 class Truth:
-    """What is behind a simulated recording: `shown` without noise and effects, the true model, its parameters, and
+    """Truth of a simulated recording: `shown` without noise and effects, the true model, its parameters, and
     random numbers that go on from there."""
 
     shown: Recording
@@ -91,7 +91,7 @@ def truth_from(scene: Scene, path: Path) -> Truth:
 
 
 def _robot_keys(scene: Scene, path: Path) -> dict:
-    """What the recording says of its robot: a file's own keys, so that the recording stands alone."""
+    """Robot keys of the recording: those of the robot file itself, so that the recording is self-contained."""
     file = path.parent / scene.robot
     if is_description(file):
         return description_keys(file)
@@ -106,7 +106,7 @@ def _robot_keys(scene: Scene, path: Path) -> dict:
 
 
 def _without_effects(scene, robot, blank, rng):
-    """What a perfect arm of the true geometry shows; the chain's true start and that geometry.
+    """Recording of an arm without effects of the true geometry; the chain's true start and that geometry.
 
     Effects of the sensor's field read where in it a point is seen, so that must be known first; a
     sensor's recording also says at what range.

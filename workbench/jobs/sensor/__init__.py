@@ -1,1 +1,1 @@
-"""What the commands for a vision sensor run."""
+"""Jobs of the commands for a vision sensor."""

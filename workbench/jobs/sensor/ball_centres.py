@@ -1,4 +1,4 @@
-"""What comes out of scans: the JSON contract, acceptance figures, and the recording of ball centres for `calibrate`."""
+"""Results of scans: the JSON contract, acceptance figures, and the recording of ball centres for `calibrate`."""
 
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ def as_json(scans: Scans, folder: Path, tolerances: Sequence[Tolerance] = ()) ->
 
 
 def uncertainty(scanner: Scanner | None) -> str:
-    """What the sigmas of ball centres are measured from; scanner: None where the sensor gave points."""
+    """Source of the sigmas of ball centres; scanner: None if the sensor delivers points."""
     best = (
         "std_in_best_frame_mm: 1 sigma in the frame that fits the scanner's points best, for distances between balls, "
         "hand-eye and robot calibration; scans that flange poses join share the error of the hand-eye transform, which "

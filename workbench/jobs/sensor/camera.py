@@ -157,7 +157,7 @@ def held_out_json(held_out) -> dict | None:
 
 
 def halves_json(halves) -> dict | None:
-    """How far two cameras from half of the images each project apart."""
+    """Difference of the projections of two cameras, each calibrated from half of the images."""
     if halves is None:
         return None
     return {
@@ -227,7 +227,7 @@ def read_stated(path: Path) -> tuple[Camera, np.ndarray | None]:
 
 
 def read_trust(path: Path) -> Trust | None:
-    """What the calibration of the camera in such a file says of itself; None in files of older versions."""
+    """Trustworthiness of the camera calibration as stated in the file; None in files of older versions."""
     return trust_from_keys(_camera_keys(path), str(path))
 
 

@@ -269,7 +269,7 @@ def noisy(chains: Chains) -> Chains:
 
 
 def noise_scale(chain, name: str) -> float | None:
-    """How many times its stated sigma a chain's noise is, None where too few neighbours tell.
+    """Ratio of a chain's noise to its stated sigma; None if there are too few neighbours.
 
     Divided third differences along the rows of a board, or along a stripe, over their own noise under the stated
     sigmas; those beyond four sigmas by their median do not count.

@@ -354,7 +354,7 @@ def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
 
 
 def target_json(hand_eye: HandEye) -> dict:
-    """Where the board or the ball stands."""
+    """Pose of the board or position of the ball."""
     if hand_eye.radius is None:
         return {
             "transform": "T_flange_board" if hand_eye.kind == TO_HAND else "T_base_board",

@@ -75,7 +75,7 @@ def motions_of(
     hand_eye_file: Path | None,
     progress: Callable[[str], None],
 ) -> Motions:
-    """What joins the scans `groups` of a recording. Raises InputError where something that they need is missing."""
+    """Motions that join the scans `groups` of a recording. Raises InputError if data that they need are missing."""
     on_turntable = [name for name, rows in groups.items() if is_on_turntable(rows)]
     moved = [name for name, rows in groups.items() if is_moved_by_robot(rows)]
     for name in on_turntable:

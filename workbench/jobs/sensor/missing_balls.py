@@ -23,7 +23,7 @@ def missing_balls(
 
 
 def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
-    """What a scan without a ball shows: its points, and the candidate that has most points near its surface."""
+    """Contents of a scan without a ball: its points, and the candidate that has most points near its surface."""
     if not points.shape[1]:
         return ""
     low, high = np.quantile(points[2], [0.02, 0.98])
@@ -38,7 +38,7 @@ def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
 
 
 def perhaps_cut(at_limit) -> str:
-    """What to look for where no ball is found: one that the field cuts shows too little of itself."""
+    """Hint where no ball is found: too little is visible of a ball that the field of view cuts."""
     if not at_limit.any():
         return ""
     return (

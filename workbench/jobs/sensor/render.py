@@ -38,7 +38,7 @@ def render(path: Path, folder: Path, progress: Callable[[str], None]) -> dict:
 
 
 def stations_of(arm: Truth, scene: Scene, path: Path) -> Stations:
-    """Where the true arm holds the sensor at the readings that its recording tells, one station a scan."""
+    """True sensor poses at the recorded joint readings, one station for each scan."""
     shown = arm.shown
     if shown.measures != "ball-centre":
         raise InputError(

@@ -183,7 +183,7 @@ def scans_of(recording: Recording) -> Grouped:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with one scan; `saturation` as in `find_stripes`.
+    """Processing of one scan; `saturation` as in `find_stripes`.
 
     `same_but_case`: ids of scans that differ from another one in capitals only; `motions` of joined scans.
     """
@@ -350,7 +350,7 @@ class _Work:
         return centre_noise(centre, cloud.along, cloud.image, sigma, self.scanner.sigma_px)
 
     def _expected(self, row) -> int:
-        """How many balls a scan shows, as far as that is known."""
+        """Expected number of balls in a scan, as far as it is known."""
         return 1 if by_sample(self.recording, row) is not None else len(self.recording.balls)
 
     def _ball(self, cloud: Cloud, columns_of_ball, free: BallFit, number, shape) -> Ball:

@@ -74,7 +74,7 @@ class ScannerRun:
 
     @cached_property
     def _trust(self) -> tuple[Trust, Trust]:
-        """What the calibration of the scanner, and that of its camera alone, say of themselves."""
+        """Trustworthiness of the calibration of the scanner, and of its camera alone."""
         own_trust = scanner_trust(self.calibration, self.misfit, self.asymmetry)
         return own_trust, camera_trust(self.calibration.start)
 
@@ -213,7 +213,7 @@ def _direction(recording, usable, board, saturation) -> str:
 
 @dataclass(frozen=True)
 class _Work:
-    """What is done with the laser images of one board pose: their stripes, images in which no line can be seen, and
+    """Processing of the laser images of one board pose: their stripes, images in which no line can be seen, and
     profiles of the line; `along` and `saturation` as in `find_stripes`."""
 
     recording: Recording

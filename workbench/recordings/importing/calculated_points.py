@@ -89,7 +89,7 @@ def _how_calculated(robot, recording) -> tuple[str, bool] | None:
 
 
 def _other_points(builder: Builder, mapping: Mapping) -> Iterator[str]:
-    """What to write into a mapping file for every unused triple of columns that fits the robot as a measured point."""
+    """Lines of a mapping file for every unused triple of columns that fits the robot as a measured point."""
     for names in _unused_triples(builder.table, mapping):
         for measures in ("external-point", "ball-centre"):
             changed = replace(

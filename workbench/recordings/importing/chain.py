@@ -43,7 +43,7 @@ ROBOT_FILES = ("robot.toml", *(f"robot{suffix}" for suffix in DESCRIPTIONS))
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user says about an import; everything may be left out.
+    """Options of an import; all are optional.
 
     `robot`: built-in name, robot.toml, URDF or MJCF. `mapping`: from a file. `board`: keys of [board]. `artefact`: an
     artefact.csv. `ball_radius_mm`: certified radius of the ball of clouds. `sigma_mm`: of a coordinate. `ask`: asks a
@@ -178,7 +178,7 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
 
 
 def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
-    """What was found, with the centres of balls in clouds, and the recording that is made of it. Raises InputError."""
+    """Sources with the centres of balls in clouds, and the recording made from them. Raises InputError."""
     if found.source.images:
         return found, import_images(found, options, folder, progress)
     if is_scan(found):

@@ -15,7 +15,7 @@ from workbench.core.text.structured_text import ContentError, read_toml
 
 
 def robot_keys(name: str | None, file: str) -> Mapping:
-    """What `Recording.robot` holds, for a built-in name, a file of a robot, or a table of one convention.
+    """Value of `Recording.robot` for a built-in name, a file of a robot, or a table of one convention.
 
     Raises InputError where nothing is named or the file cannot be right.
     """

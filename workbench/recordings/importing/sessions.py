@@ -140,7 +140,7 @@ def _differences(tables: Sequence[RawTable], mappings: Sequence[Mapping]) -> lis
 
 
 def _merged(mappings: Sequence[Mapping]) -> Mapping:
-    """What all mappings agree in; a unit or convention that differs is left to the test of the next import."""
+    """Common entries of all mappings; the test of the next import decides a unit or convention that differs."""
     merged = mappings[0]
     for quantity in QUANTITIES:
         groups = [getattr(mapping, quantity) for mapping in mappings]

@@ -1,4 +1,4 @@
-"""Where the robot was: range of every joint, extent and orientations of the flange, and what images show of a board."""
+"""Coverage: range of every joint, extent and orientations of the flange, and coverage of images by a board."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -26,7 +26,7 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class HandEyePlausibility:
-    """What is wrong or missing, (what, action, is_certain) each, and the `motions`, None where they say nothing."""
+    """Faults and missing data, (what, action, is_certain) each, and the `motions`, None if uninformative."""
 
     findings: tuple[tuple[str, str, bool], ...]
     motions: RelativeMotions | None = None
@@ -163,7 +163,7 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
 
 
 def _disagreements(motions: RelativeMotions) -> Iterator[tuple]:
-    """What relative motions show that no named mistake explains."""
+    """Disagreements of relative motions that no named mistake explains."""
     if motions.angle_gap_deg > _GAP_DEG:
         what = (
             f"flange and camera rotate by different angles between the same two images, by {motions.angle_gap_deg:.1f} "

@@ -64,7 +64,7 @@ class Inspection:
 
     @property
     def _required(self) -> list[Need]:
-        """What the command lacks; a hand-eye needs the images that a camera calibration needs."""
+        """Missing data for the command; hand-eye requires the images of a camera calibration."""
         commands = ("handeye", "camera") if self.job == "handeye" else (self.job,)
         return [need for need in self.needs if need.is_required and need.command in commands]
 

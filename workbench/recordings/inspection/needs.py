@@ -59,7 +59,7 @@ class Need:
 
     @property
     def sentence(self) -> str:
-        """What is missing and what to do."""
+        """Missing data and what to do."""
         return f"{self.what[:1].upper()}{self.what[1:]}; {self.action}."
 
     def as_json(self) -> dict:
@@ -97,7 +97,7 @@ def plausibility_needs(hand_eye) -> Iterator[Need]:
 
 
 def sample_needs(recording: Recording) -> Iterator[Need]:
-    """What may be wrong with the samples of a robot: gross errors, exchanged rows, a moved instrument, ..."""
+    """Suspected mistakes in the samples of a robot: gross errors, exchanged rows, a moved instrument, ..."""
     if KINDS[recording.measures].images or not joint_columns(recording.columns):
         return
     robot = load_robot(recording.robot, f"robot of {recording.name}")
@@ -118,7 +118,7 @@ def _what_and_action(sentence: str) -> tuple[str, str]:
 
 
 def coverage_needs(recording: Recording) -> tuple[Need, ...]:
-    """What number and spread of the poses show without any fit or image; those that a command cannot do without first.
+    """Needs from number and spread of the poses, without any fit or image; indispensable ones first.
 
     Raises InputError where its robot cannot be loaded.
     """

@@ -90,7 +90,7 @@ def _robot_lines() -> list[str]:
 
 
 def _column_lines(recording: Recording) -> list[str]:
-    """What the columns of samples.csv mean, as comments."""
+    """Meaning of the columns of samples.csv, as comments."""
     names = list(recording.columns)
     lines = [f"#   columns here: {', '.join(names)}"]
     if "q1_deg" in names:

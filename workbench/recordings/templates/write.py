@@ -35,7 +35,7 @@ _ROBOT_COMMENT = """# Nominal robot: one [[joint]] per joint, from the base outw
 
 @dataclass(frozen=True)
 class Template:
-    """What was written: folder, kind, number of rows and images, and the names of the files."""
+    """Template as written: folder, kind, number of rows and images, and the names of the files."""
 
     folder: Path
     measures: str

@@ -29,7 +29,7 @@ def each_unit(unit: ColumnUnits, count: int) -> tuple[str, ...]:
 def completed_units(
     unit: ColumnUnits, usual: Sequence[str], known: Collection[str]
 ) -> tuple[ColumnUnits, ...]:
-    """What the columns may have, as far as the unit leaves it open: the columns without a unit share one of `usual`.
+    """Possible units of the columns: those without a unit of their own share one of `usual`.
 
     known: units that the quantity can have; a word outside them states nothing.
     """

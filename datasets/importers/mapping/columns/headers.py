@@ -1,4 +1,4 @@
-"""What the header of a column says: which quantity, which of its components, of which object, in which unit.
+"""Interpretation of a column header: quantity, component, object and unit.
 
 English and German words, and the names that ROS, RTDE and the makers of robots and trackers use; `words` translates
 those of other languages.

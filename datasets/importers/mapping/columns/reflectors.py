@@ -104,7 +104,7 @@ def reflector_lines(sets: Sequence[Sequence[str]]) -> str:
 
 
 def _common_name(columns: Sequence[str]) -> str:
-    """What the headers of one point have in common: "SMR1" of "SMR1 X", "SMR1 Y", "SMR1 Z"."""
+    """Common name in the headers of one point: "SMR1" of "SMR1 X", "SMR1 Y", "SMR1 Z"."""
     return os.path.commonprefix(list(columns)).strip(_SEPARATORS)
 
 

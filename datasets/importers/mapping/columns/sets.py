@@ -146,7 +146,7 @@ def _numbered_points(headers: Sequence[Header]) -> list[ColumnSet]:
 
 
 def _object_of(header: Header) -> tuple[str, ...]:
-    """What the columns of one object have in common: the words in front, and the name of a numbered array."""
+    """Common words of the columns of one object: those in front, and the name of a numbered array."""
     return (*header.words, header.core[:-1]) if header.kind == "numbered" else header.words
 
 

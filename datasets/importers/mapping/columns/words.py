@@ -280,7 +280,7 @@ def names_something(text: str) -> bool:
 
 
 def accented_words(text: str) -> int:
-    """How many words of a text are known ones that are written with letters beyond ASCII."""
+    """Number of known words in a text that are written with letters beyond ASCII."""
     words = {word for word in re.findall(r"\w+", text) if not word.isascii()}
     return sum(without_accents(word).lower() in LATIN for word in words)
 

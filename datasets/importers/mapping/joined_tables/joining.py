@@ -254,7 +254,7 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
 def _stop_sentences(
     few: RawTable, many: RawTable, times: np.ndarray, wanted: np.ndarray
 ) -> list[str]:
-    """How rows are assigned to the stops of a log, and which are about as near to two of them."""
+    """Sentences on the assignment of rows to the stops of a log, and on rows that are about as near to two of them."""
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     sides = np.sort(np.abs(np.stack([wanted - times[after - 1], times[after] - wanted])), axis=0)
     interval = float(np.median(np.diff(times)))
@@ -278,7 +278,7 @@ def is_dense(times: np.ndarray) -> bool:
 
 
 def zone_sentence(few: RawTable, many: RawTable, zone_s: float) -> str:
-    """What the join says of clocks of two time zones, or of which one has no date."""
+    """Sentence on clocks of two time zones, or of which one has no date."""
     if abs(zone_s) > _MOST_ZONE_S:
         return (
             f"Only one of the clocks of {few.file} and {many.file} states a date, which is taken for both"

@@ -92,7 +92,7 @@ def unused_names(few: RawTable, many: RawTable) -> list[str]:
 
 
 def differing_names(few: RawTable, many: RawTable) -> str:
-    """What the first two columns that may name the rows of both tables hold; "" without such columns."""
+    """Contents of the first two columns that may name the rows of both tables; "" without such columns."""
     pairs = [
         (mine, its)
         for mine, its in shared_keys(few, many)

@@ -56,7 +56,7 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class StatedFrames:
-    """What the user states of tools and frames: T_flange_tool and T_root_frame (4, 4) mm by number or name.
+    """Tools and frames stated by the user: T_flange_tool and T_root_frame (4, 4) mm by number or name.
 
     They take the place of what the file states or leaves to the controller. Those under the name "" hold for all
     positions.

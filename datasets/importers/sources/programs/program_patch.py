@@ -140,7 +140,7 @@ def _decimals(maker: str, is_quaternion: bool) -> int:
 
 
 def _spans(maker: str, text: str, is_joint: bool) -> list[tuple[int, int]]:
-    """Where the six or seven numbers of a position are in its text."""
+    """Positions of the six or seven numbers of a pose in its text."""
     if maker == "ABB":
         return [match.span() for match in _NUMBER.finditer(text)][: 6 if is_joint else 7]
     between = r"\s+" if maker == "KUKA" else r"\s*=\s*"

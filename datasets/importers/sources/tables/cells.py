@@ -57,7 +57,7 @@ def split_cells(line: str, separator: str) -> list[str]:
 
 
 def labels_of(line: str, separator: str) -> list[str]:
-    """What stands in front of the numbers of a line: "x" of "x=1.5", and the word before a cell, as in "pose 1".
+    """Labels in front of the numbers of a line: "x" of "x=1.5", and the word before a cell, as in "pose 1".
 
     "" where nothing does, and for words themselves.
     """

@@ -54,7 +54,7 @@ def _number(cell: str) -> float:
 
 
 def _meanings(above: np.ndarray, below: np.ndarray) -> list[str | None]:
-    """What each of the rows `below` (k, m) is of the rows `above` (k, n); None for a row that is no statistic."""
+    """Statistic of the rows `above` (k, n) that each of the rows `below` (k, m) states; None if it is no statistic."""
     varies = np.array([np.isfinite(row).sum() > 1 and np.nanstd(row) > 0 for row in above])
     if not varies.any():
         return [None]

@@ -50,7 +50,7 @@ _EUROPEAN = ("cp1252", "cp1250")
 
 @dataclass(frozen=True)
 class Layout:
-    """How a text file is divided: separator, number of cells of a row, index of the first line with data.
+    """Layout of a text file: separator, number of cells of a row, index of the first line with data.
 
     `by_axis`: the table has a row for each axis of a point, and a row without a number is one that was not measured.
     """

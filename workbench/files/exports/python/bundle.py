@@ -108,7 +108,7 @@ def _targets(node: ast.Assign) -> list[str]:
 
 
 def _resolved(symbol: Symbol) -> Symbol:
-    """Where a name is defined, through the imports of other modules."""
+    """Module that defines a name, through the imports of other modules."""
     while symbol.name in _module(symbol.module).ours:
         symbol = _module(symbol.module).ours[symbol.name]
     return symbol
@@ -153,7 +153,7 @@ def _imports_of(module: str, node: ast.AST) -> set[str]:
 
 @dataclass(frozen=True)
 class _Content:
-    """What a trimmed definition names: symbols, those of them that it needs where it is defined, and attributes."""
+    """Names in a trimmed definition: symbols, those of them that it needs where it is defined, and attributes."""
 
     needed: frozenset[Symbol]
     needed_at_once: frozenset[Symbol]

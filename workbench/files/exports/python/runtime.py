@@ -50,7 +50,7 @@ _ARRAYS = (
 
 @dataclass(frozen=True)
 class Flange:
-    """What a chain that ends at the flange measures: nothing, in the robot's root frame."""
+    """Empty measurement of a chain that ends at the flange, in the robot's root frame."""
 
     place = "tool"
     grounded = True

@@ -38,7 +38,7 @@ _MOST_COUPLINGS = 3  # all of whose combinations are compared
 
 
 def coupled_drives(robot, recording, fit: Fit) -> Suspicion | None:
-    """What the recording decides about couplings of the robot file that do not say whether they are mechanical.
+    """Suspicions about couplings of the robot file for which it is not stated whether they are mechanical.
 
     fit: of some rows of the recording, geometry estimated. None where nothing is open, or where the evidence is not
     clear: each drive then moves its own joint alone.

@@ -56,7 +56,7 @@ class FarGeometry:
 
     @property
     def action(self) -> str:
-        """What to do."""
+        """Recommended action."""
         if self.other is None:
             return "check these numbers of the robot file and the zero position of the arm"
         return (
@@ -79,7 +79,7 @@ def find_far_geometry(robot: Robot, recording) -> FarGeometry | None:
 
 
 def far_geometry(robot: Robot, recording, fit: Fit) -> FarGeometry | None:
-    """What is far from the nominal robot in the robust fit of a recording, and a library robot without it."""
+    """Parameters far from the nominal robot in the robust fit of a recording, and a library robot that fits."""
     parameters = far_parameters(fit, _UNUSUAL)
     if not parameters:
         return None

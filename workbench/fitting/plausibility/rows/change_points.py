@@ -93,7 +93,7 @@ def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
 
 
 def _what(place: str, measures: str) -> str:
-    """What has moved at a place, as the subject of a sentence."""
+    """Object that has moved at a place, as the subject of a sentence."""
     if place.startswith("joint-"):
         return f"the zero of {place.replace('-', ' ')} (lost counts, a slipped belt)"
     return _WORDS[place].get(measures, _WORDS[place][""])

@@ -48,7 +48,7 @@ class Outliers:
 
     @property
     def likely_cause(self) -> str:
-        """What the rows show where nothing more specific is found."""
+        """General cause of outlying rows, for which no specific one is found."""
         if self.is_small:
             return (
                 "gross errors of these measurements, or a load or another condition that is not recorded, are the "

@@ -26,7 +26,7 @@ from workbench.files.considered import considered_arms, is_evaluable
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.extrapolation import extrapolation_mm
 from workbench.jobs.robot.compensation.model_error import remaining_error_mm
-from workbench.jobs.robot.compensation.revolutions import nearest_turns, recorded_middle
+from workbench.jobs.robot.compensation.revolutions import nearest_revolutions, recorded_middle
 
 COVERAGE_FACTOR = 2
 """Expanded uncertainty over standard uncertainty (GUM, JCGM 100:2008, 6.2)."""
@@ -104,7 +104,7 @@ def compensate(
     if poses is not None:
         found = _nominal_readings(arm.robot, found, target, anywhere, task)
         if anywhere:
-            found = nearest_turns(arm.robot, found, _turn_reference(arm, readings))
+            found = nearest_revolutions(arm.robot, found, _turn_reference(arm, readings))
     position, rotation = pose_sizes(_deviation(model_at(arm, found, target, covariates), arm, task))
     best, least = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
@@ -486,7 +486,7 @@ def _covariance_given_frame(arm) -> np.ndarray:
 
 
 def _called(key: str) -> str:
-    """What a parameter of a calibration is called in the model of a flange and one point on it."""
+    """Key of a parameter of a calibration in the model of a flange and one point on it."""
     place, _, name = key.partition(".")
     if (
         (place in ("tool", "sensor"))

@@ -1,4 +1,4 @@
-"""How large corrections may be: what the measured errors of the nominal arm confirm is no mistake of a model."""
+"""Limits of corrections that the measured errors of the nominal arm confirm."""
 
 import numpy as np
 

@@ -130,7 +130,7 @@ def noise_factor(arm: CalibratedArm, sigma: np.ndarray) -> float:
 
 
 def stated_source(arm: CalibratedArm, sigma: np.ndarray) -> str:
-    """How the noise of another recording is known, in words: as stated, or times what a diagnosis found."""
+    """Source of the noise of another recording, in words: stated, or stated times the factor of a diagnosis."""
     factor = noise_factor(arm, sigma)
     return STATED if factor == 1 else f"{STATED}, times {factor:.3g} as the diagnosis found"
 

@@ -19,7 +19,7 @@ def recorded_middle(arm: CalibratedArm) -> np.ndarray:
     return middle
 
 
-def nearest_turns(robot: Robot, readings: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def nearest_revolutions(robot: Robot, readings: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Readings (n, R) rad, mm, by whole revolutions next to `reference` (R,) or (n, R), as far as limits allow."""
     turned = readings + _TURN * np.round((reference - readings) / _TURN) * ~sliding(robot)
     low, high = robot.limits.T

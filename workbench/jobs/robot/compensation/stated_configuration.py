@@ -25,7 +25,7 @@ from workbench.jobs.robot.compensation.configuration_data import (
     parse_configuration,
 )
 from workbench.jobs.robot.compensation.configurations import with_start
-from workbench.jobs.robot.compensation.revolutions import nearest_turns, recorded_middle
+from workbench.jobs.robot.compensation.revolutions import nearest_revolutions, recorded_middle
 
 _STARTS, _ROUNDS = 10, 6  # of the search at positions where the first start led elsewhere
 _ROUNDING_DEG = 0.01  # of a stored pose, next to the border between two signs
@@ -35,7 +35,7 @@ _JOINTS = 6
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What the readings of m positions have to fulfil: between `low` and `high` (m, 6) deg, and `signs` (m, 3) of
+    """Constraints on the readings of m positions: between `low` and `high` (m, 6) deg, and `signs` (m, 3) of
     their configuration, 0 where any will do."""
 
     low: np.ndarray
@@ -96,7 +96,7 @@ def _count_poses(programme) -> int:
 
 
 def _as_counted(data: Sequence[ConfigurationData], programme, robot: Robot) -> _Wanted:
-    """What the data say of a robot whose readings are those of the controller, or differ as [controller] states."""
+    """Configurations according to the controller: of readings as recorded, or changed as [controller] states."""
     signs, zeros = np.ones(_JOINTS), np.zeros(_JOINTS)
     if programme.controller is not None:
         signs = np.array(programme.controller.joint_signs, float)
@@ -146,7 +146,7 @@ def _as_recorded(
         readings, is_found = _found(programme.poses[rows], arm.robot, wanted)
     if not is_found.all():
         raise _ambiguous(programme, data[0].maker, rows[0], len(fitting))
-    return nearest_turns(arm.robot, readings, recorded_middle(arm)), is_found
+    return nearest_revolutions(arm.robot, readings, recorded_middle(arm)), is_found
 
 
 def _senses(is_stated: np.ndarray, is_alike: tuple[bool, bool]) -> list[tuple[int, ...]]:

@@ -1,4 +1,4 @@
-"""What terms that were switched off by name (`--without`) would move the targets by."""
+"""Contribution to the targets of the terms that were switched off by name (`--without`)."""
 
 import numpy as np
 

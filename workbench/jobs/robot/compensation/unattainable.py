@@ -34,7 +34,7 @@ class Unattainable:
 
     @property
     def sentence(self) -> str:
-        """What is wrong and what to do."""
+        """Message: fault and remedy."""
         shortfall = f"{self.distance_mm:.2g} mm and {self.rotation_deg:.2g} deg"
         if self.distance_mm > _BEYOND_MM or self.rotation_deg > _BEYOND_DEG:
             return (

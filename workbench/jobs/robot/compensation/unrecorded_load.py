@@ -56,7 +56,7 @@ def deflection_mm(arm: CalibratedArm, programme, found: Compensated, covariates)
 
 
 def unknown_load_words(arm: CalibratedArm, programme, shift: np.ndarray) -> list[str]:
-    """What is to be said of a load that only the targets state; shift (n,): of `deflection_mm`."""
+    """Sentences on a load that only the targets state; shift (n,): of `deflection_mm`."""
     if not shift.any():
         return []
     load = only_stated_load(arm, programme)

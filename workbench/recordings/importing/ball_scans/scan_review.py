@@ -1,4 +1,4 @@
-"""What may be wrong with scans of a ball at flange poses: gross errors, exchanged rows, the stated radius.
+"""Suspected mistakes in scans of a ball at flange poses: gross errors, exchanged rows, the stated radius.
 
 The ball stands still, so that sensor and flange pose together have to show it in one place. Rows that show it
 elsewhere are left out of the fit one after another, and two of them whose poses fit exchanged are named.

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.importers.mapping.candidates import (
-    Turn,
+    RotationConvention,
     angle_units,
     length_units,
     rotation_candidates,
@@ -47,7 +47,9 @@ def possible_readings(rows: RawTable, mapping: Mapping, options):
     return keys, mapping, readings
 
 
-def flange_readings(rows: RawTable, mapping: Mapping, turns: Sequence[Turn] | None = None):
+def flange_readings(
+    rows: RawTable, mapping: Mapping, turns: Sequence[RotationConvention] | None = None
+):
     """(title, mapping, poses (n, 4, 4)) of every reading of the flange poses. Raises InputError where none is one.
 
     turns: readings of the rotation; None: those of its columns in their order.
@@ -72,7 +74,7 @@ def flange_readings(rows: RawTable, mapping: Mapping, turns: Sequence[Turn] | No
 
 
 def reading_line(mapping: Mapping) -> str:
-    """What a mapping file says to state this reading."""
+    """Line of a mapping file that states this interpretation."""
     if mapping.flange_rotation is None:
         return f"unit = {unit_toml(mapping.joints.unit)} under [joints]"
     group = mapping.flange_rotation

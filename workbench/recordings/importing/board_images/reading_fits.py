@@ -15,7 +15,7 @@ from workbench.core.rigid import inverse
 from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.interpretation.orientation_misfits import (
     least_misfits,
-    turn_misfits,
+    rotation_misfits,
 )
 
 _KEPT = 0.9
@@ -48,7 +48,10 @@ def compare_readings(readings, views: BoardViews, kind: str) -> list[tuple[int, 
     every = np.arange(len(views.rows))
     chosen = [measured[labelling, every] for labelling in labels]
     misfits = np.array(
-        [turn_misfits(motions[:, :3, :3], [turned])[0] for motions, turned in zip(chosen, turns)]
+        [
+            rotation_misfits(motions[:, :3, :3], [turned])[0]
+            for motions, turned in zip(chosen, turns)
+        ]
     )
     retained = least_misfits(misfits, len(turns))
     if misfits[retained[0]] > _HOPELESS_RAD:

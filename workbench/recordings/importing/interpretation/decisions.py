@@ -245,7 +245,7 @@ def _scale_of_extent(case: UnitCase, mapping: Mapping) -> float:
 
 
 def _order_of_unit(case: UnitCase, mapping: Mapping) -> int:
-    """How usual the unit of the joint readings is, the most usual 0."""
+    """Rank of the unit of the joint readings by frequency of use, the most frequent 0."""
     if mapping.joints.unit != "rad":
         return 1
     widest = np.abs(case.build(mapping).joints).max()

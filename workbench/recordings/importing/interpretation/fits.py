@@ -1,4 +1,4 @@
-"""How well a robot fits a recording under each of several readings of its columns (units, rotation convention).
+"""Fit of a robot to a recording under each interpretation of its columns (units, rotation convention).
 
 All readings are fitted with base and tool alone; the best ones with plausible geometry errors too, by the robust fit
 of the plausibility check. Two readings are compared by the log posterior of that fit. Points that an instrument
@@ -19,9 +19,9 @@ from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import (
     EXPLAINED,
     fit_recording,
-    hopeless_mm,
     nominal_scales,
     scatter_of_points,
+    unexplainable_misfit_mm,
 )
 from workbench.fitting.plausibility.sampling import even_rows
 
@@ -113,7 +113,11 @@ def compare_readings(
     limit = _WINDOW * max(quick[order[0]], 1.0 / units[order[0]])
     retained = [k for k in (*order[:refined], *usual) if quick[k] <= limit]
     if is_good_only:
-        retained = [k for k in retained if quick[k] * units[k] <= hopeless_mm(robot, thinned[k][1])]
+        retained = [
+            k
+            for k in retained
+            if quick[k] * units[k] <= unexplainable_misfit_mm(robot, thinned[k][1])
+        ]
     fitted = []
     for k in retained:
         fit = _refined(robot, *thinned[k])

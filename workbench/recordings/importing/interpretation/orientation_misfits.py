@@ -1,4 +1,4 @@
-"""How well measured orientations agree with those of the flange, without a fit of base and tool."""
+"""Misfit of measured orientations to those of the flange, without a fit of base and tool."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ def measured_rotations(recording: Recording) -> np.ndarray:
     return Rotation.from_quat(quaternions).as_matrix()
 
 
-def screened_turns(
+def screened_rotations(
     flange: np.ndarray, candidates: Sequence[np.ndarray], most: int = _SCREENED
 ) -> list[int]:
     """Indices of the candidates whose angles between pairs of rows agree with those of the flange.
@@ -34,7 +34,7 @@ def screened_turns(
     flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
     so that no fit is needed.
     """
-    return least_misfits(turn_misfits(flange, candidates), most)
+    return least_misfits(rotation_misfits(flange, candidates), most)
 
 
 def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
@@ -44,7 +44,7 @@ def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
     return [int(k) for k in order[:most] if misfits[k] <= limit]
 
 
-def turn_misfits(flange: np.ndarray, candidates: Sequence[np.ndarray]) -> np.ndarray:
+def rotation_misfits(flange: np.ndarray, candidates: Sequence[np.ndarray]) -> np.ndarray:
     """(k,) rad: RMS difference of the angles between pairs of rows, of each candidate (n, 3, 3) to the flange."""
     count = len(flange)
     rng = np.random.default_rng(0)

@@ -8,7 +8,7 @@ from workbench.core.errors import InputError
 
 @dataclass(frozen=True)
 class Question:
-    """What is open (`sentence`, without a full stop), the `options` in words, and the mapping `line` of each."""
+    """Undecided question (`sentence`, without a full stop), the `options` in words, and the mapping `line` of each."""
 
     sentence: str
     options: tuple[str, ...]

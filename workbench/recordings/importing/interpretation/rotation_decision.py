@@ -3,7 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from datasets.importers.mapping.candidates import Turn, reordered_candidates, rotation_candidates
+from datasets.importers.mapping.candidates import (
+    RotationConvention,
+    reordered_candidates,
+    rotation_candidates,
+)
 from datasets.importers.mapping.columns.column_units import unit_toml
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
@@ -20,7 +24,7 @@ from workbench.recordings.importing.interpretation.decisions import (
 from workbench.recordings.importing.interpretation.fits import is_only_good, order_error
 from workbench.recordings.importing.interpretation.orientation_misfits import (
     flange_rotations,
-    screened_turns,
+    screened_rotations,
 )
 from workbench.recordings.importing.interpretation.questions import Ask
 
@@ -85,9 +89,11 @@ def _rotation_lines(mapping: Mapping) -> str:
     return f'[rotation] columns = [{columns}], convention = "{group.convention}"{unit}{inverse}'
 
 
-def _rotation_fits(robot, mapping, table, turns: Sequence[Turn], build: Build, is_good_only=False):
+def _rotation_fits(
+    robot, mapping, table, turns: Sequence[RotationConvention], build: Build, is_good_only=False
+):
     readings = [(turn.title, replace(mapping, rotation=turn.group)) for turn in turns]
-    screened = screened_turns(
+    screened = screened_rotations(
         flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
     )
     chosen = [readings[k] for k in screened]

@@ -128,7 +128,7 @@ def _sentence(found: PoseReadings, divided: Sequence[Segment], table) -> str:
 
 
 def _words(mapping: Mapping) -> dict[str, str]:
-    """How position and rotation, or joint readings, are read."""
+    """Interpretation of position and rotation, or of joint readings, in words."""
     if mapping.flange_rotation is None:
         return {"joints": unit_words(mapping.joints.unit, mapping.joints.columns, str)}
     group, point = mapping.flange_rotation, mapping.flange_point

@@ -21,7 +21,7 @@ from workbench.recordings.importing.interpretation import decisions
 from workbench.recordings.importing.interpretation.orientation_misfits import (
     flange_rotations,
     measured_rotations,
-    screened_turns,
+    screened_rotations,
 )
 from workbench.recordings.importing.segments.row_segments import Segment, find_segments
 
@@ -88,7 +88,7 @@ def refuse_changed_rotation(
     matrices = [measured_rotations(interpretation.recording) for interpretation in readings]
 
     def screen(rows: np.ndarray) -> list[int]:
-        return screened_turns(
+        return screened_rotations(
             flange[rows], [matrices_of_reading[rows] for matrices_of_reading in matrices]
         )
 
@@ -198,7 +198,7 @@ def _part_turns(builder: Builder, mapping: Mapping, known) -> list:
 
 
 def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[_Reading]) -> str:
-    """What was found in which rows, and what to do."""
+    """Finding, its rows, and what to do."""
     table = builder.table
     chosen = [readings[segment.reading] for segment in segments]
     usual = {
@@ -244,7 +244,7 @@ def _row_ranges(table, segments: Sequence[Segment]) -> list[str]:
 
 
 def _described(words: Words, differing: Sequence[tuple[str, ...]]) -> str:
-    """How the differing columns are read; with their names where several groups of columns differ."""
+    """Interpretation of the differing columns; with their names where several groups of columns differ."""
     if len(differing) == 1:
         return words[differing[0]]
     return " and ".join(f"{_short(key)} in {words[key]}" for key in differing)

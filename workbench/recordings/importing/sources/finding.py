@@ -1,4 +1,4 @@
-"""What an import finds in its sources: tables that belong together, as one, and the mapping that headers suggest."""
+"""Contents of the sources of an import: tables that belong together, as one, and the mapping from their headers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

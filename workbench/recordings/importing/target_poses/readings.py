@@ -10,13 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.importers.mapping.candidates import Turn, length_units, rotation_candidates
+from datasets.importers.mapping.candidates import (
+    RotationConvention,
+    length_units,
+    rotation_candidates,
+)
 from datasets.importers.mapping.columns.column_units import unit_words
 from datasets.importers.mapping.conversion import point_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.source import RawTable
 from sensors.hand_eye.checks.alternatives import moved_of
-from sensors.hand_eye.checks.pose_fit import fit_poses, rough_misfit
+from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses
 from sensors.hand_eye.target_poses import TargetPoses
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import least_squares
@@ -120,7 +124,9 @@ def _readings_of(rows: RawTable, mapping: Mapping, turns) -> list[TargetReading]
     return readings
 
 
-def _turned(rows: RawTable, mapping: Mapping, turns) -> list[tuple[Turn, Turn, str, bool]]:
+def _turned(
+    rows: RawTable, mapping: Mapping, turns
+) -> list[tuple[RotationConvention, RotationConvention, str, bool]]:
     """Conventions, place of the camera and direction of the target's poses that one transform connects best."""
     some = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
     part = rows.take(some)
@@ -171,7 +177,7 @@ def _kinds(mapping: Mapping) -> Sequence[str]:
     return [kind for kind, fixed in FIXED_TO.items() if stated in (None, fixed)]
 
 
-def _placed(rows: RawTable, point: Group, turn: Turn) -> np.ndarray:
+def _placed(rows: RawTable, point: Group, turn: RotationConvention) -> np.ndarray:
     return transform(turn.matrices(rows), np.stack(list(point_columns(rows, point).values()), 1))
 
 
@@ -195,7 +201,9 @@ def angle_misfit(rows: RawTable, flange: Group, target: Group) -> float:
         return np.inf
 
 
-def _agreeing_turns(rows: RawTable, mapping: Mapping) -> list[tuple[Turn, Turn]]:
+def _agreeing_turns(
+    rows: RawTable, mapping: Mapping
+) -> list[tuple[RotationConvention, RotationConvention]]:
     """Pairs of rotation conventions under which flange and target rotate by the same angles, the best first."""
     of_flange, of_target = (
         _turns(group, rows) for group in (mapping.flange_rotation, mapping.rotation)
@@ -207,7 +215,11 @@ def _agreeing_turns(rows: RawTable, mapping: Mapping) -> list[tuple[Turn, Turn]]
     return [(of_flange[i], of_target[j]) for i, j in places if misfit[i, j] <= limit]
 
 
-def _misfits(rows: RawTable, of_flange: Sequence[Turn], of_target: Sequence[Turn]) -> np.ndarray:
+def _misfits(
+    rows: RawTable,
+    of_flange: Sequence[RotationConvention],
+    of_target: Sequence[RotationConvention],
+) -> np.ndarray:
     """(F, T) mean difference of the angles between two poses under each pair of conventions, as a share of them.
 
     Of numbers in radians that are read as degrees, all angles and differences are small."""
@@ -222,7 +234,7 @@ def _misfits(rows: RawTable, of_flange: Sequence[Turn], of_target: Sequence[Turn
     return np.sort(gaps, axis=2)[..., :kept].mean(2) / np.maximum(size, 1e-9)
 
 
-def _turns(group: Group, rows: RawTable) -> list[Turn]:
+def _turns(group: Group, rows: RawTable) -> list[RotationConvention]:
     """Readings of rotation columns; a transposed rotation with a position that is not inverted only where stated."""
     found = rotation_candidates(group, rows)
     found = [turn for turn in found if turn.group.inverse == group.inverse]
@@ -248,7 +260,7 @@ def _taken(poses: TargetPoses, rows: np.ndarray) -> TargetPoses:
 def _rough(poses: TargetPoses, rows: np.ndarray) -> float:
     """Closed-form misfit as a share of the distance to the target, so that no unit looks better than another."""
     taken = _taken(poses, rows)
-    return rough_misfit(taken.data) / _distance(taken)
+    return approximate_misfit(taken.data) / _distance(taken)
 
 
 def _distance(poses: TargetPoses) -> float:
