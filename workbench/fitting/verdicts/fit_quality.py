@@ -25,6 +25,7 @@ from workbench.fitting.verdicts.noise_report import (
     report,
 )
 from workbench.fitting.verdicts.residual_structure import Samples, Structure, structure
+from workbench.fitting.verdicts.smooth_dependence import smooth_dependence
 
 _OUTLIER_LEVEL = 0.002
 _ROUNDS = 6
@@ -46,6 +47,9 @@ def noise_report(calibration) -> NoiseReport:
     above = test is None or is_above(test)
     wrong = _outlying(model, fit, stated, above)
     known = structure(model, fit.parameters, fit.residual, _samples(recording))
+    if above and not known.found:
+        smooth = smooth_dependence(model, fit.parameters, fit.residual)
+        known = smooth if smooth.found else known
     absorbed = None if known.found or not above else _absorbed(model, fit, _samples(recording))
     corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
     found = Findings(

@@ -162,7 +162,7 @@ class NoiseReport:
         if found.is_diagnosed:
             return "noise stated too small is more likely than an unmodelled effect; check sigma_mm"
         return (
-            "an effect without a slow dependence on the joint angles (gear orders, backlash, coupled joints), or "
+            "an effect without a slow dependence on one or two joint angles (gear orders, backlash, compliance), or "
             f"noise stated too small; {DIAGNOSE} before you change sigma_mm"
         )
 
@@ -285,7 +285,10 @@ def _cause(found: Findings) -> str:
             "place of a changed load or a slipped tool), or the noise is stated too small. Run `workbench diagnose` "
             "before you change sigma_mm."
         )
-    none = "No slow dependence of the residual on the joint angles or on the order of the samples is found."
+    none = (
+        "No slow dependence of the residual on one or two joint angles or recorded columns, or on the order of the "
+        "samples, is significant."
+    )
     if found.is_diagnosed:
         return (
             f"{none} A noise that is stated too small is therefore more likely than an unmodelled effect (the arm's "
@@ -294,8 +297,9 @@ def _cause(found: Findings) -> str:
         )
     return (
         f"{none} Either the noise is stated too small (the arm's repeatability counts as noise), or there is an effect "
-        "that changes fast or abruptly: gear orders, backlash, coupled joints. Run `workbench diagnose`, or measure "
-        f"some poses repeatedly, before you state sigma_mm = {found.residual_rms:.2g}."
+        "that these tests do not see: gear orders, backlash, or one that depends on many joints at once (compliance, "
+        "an inaccurate load). Run `workbench diagnose`, or measure some poses repeatedly, before you state sigma_mm = "
+        f"{found.residual_rms:.2g}."
     )
 
 
