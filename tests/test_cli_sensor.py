@@ -299,7 +299,7 @@ def test_bad_input_gets_one_sentence_and_nothing_is_written(name, here, capsys):
 
 
 WRONG = {
-    "model": (("camera", "x", "--model", "fisheye"), "--model"),
+    "model": (("camera", "x", "--model", "thin-lens"), "--model"),
     "kind": (("handeye", "x", "--kind", "on-foot"), "--kind"),
     "scanner file": (("scan", "{folder}", "--scanner", "no-such.toml"), "no-such.toml"),
     "camera file": (("handeye", "{hand}", "--camera", "no-such.toml"), "no-such.toml"),

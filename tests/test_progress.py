@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import select
 import subprocess
 import sys
@@ -147,16 +148,16 @@ def test_images_of_a_board_are_counted_by_check(tmp_path):
     assert any(line.startswith("board in image 14 of 14") for line in said)
 
 
-def test_the_last_steps_of_a_calibration_report_every_fold_and_section(tmp_path):
+def test_a_calibration_reports_every_stage_and_section(tmp_path):
     import datasets
     from workbench.jobs.robot.calibrate import calibrate
     from workbench.report.page import write_report
 
     said = []
     calibration = calibrate(datasets.read("elastic-arm"), folds=4, progress=said.append)
-    folds = [line for line in said if line.startswith("cross-validation of the result, fold")]
-    assert [line.split(",")[1] for line in folds] == [f" fold {k} of 4" for k in (1, 2, 3, 4)]
-    assert said.index("cross-validation of the nominal geometry") > said.index(folds[-1])
+    counts = [re.search(r"\((\d+) of (\d+)\)$", line) for line in said if line.startswith("stage ")]
+    numbers = [(int(count[1]), int(count[2])) for count in counts]
+    assert numbers == [(k + 1, len(numbers)) for k in range(len(numbers))] and len(numbers) > 4
     assert said[-1] == "uncertainty of the parameters"
     said.clear()
     write_report(calibration, tmp_path, progress=said.append)

@@ -81,7 +81,7 @@ def test_the_camera_lies_within_its_stated_sigmas(runs, what):
 def run_of(found):
     """What the warnings of a run read, without images, camera and review."""
     absent = dict.fromkeys(("calibration", "board", "review", "camera_trust", "free"))
-    return SimpleNamespace(made=found, names=(), **absent)
+    return SimpleNamespace(made=found, names=(), is_of_target_poses=False, **absent)
 
 
 @pytest.mark.parametrize(("what", "named"), [("lines", "lines of the board"), ("lens", "lens")])

@@ -25,6 +25,7 @@ from workbench.recordings.importing.ball_scans.centre_tables import import_centr
 from workbench.recordings.importing.ball_scans.surface_scans import import_scans, is_scan
 from workbench.recordings.importing.board_images.board_poses import import_images
 from workbench.recordings.importing.board_images.image_rows import file_link
+from workbench.recordings.importing.final_check import LARGE_ERRORS
 from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.interpretation.questions import Ask
 from workbench.recordings.importing.measured_robot import Made, import_table
@@ -118,6 +119,7 @@ def import_recording(
         found = find_mapping(paths, options, Path(scratch), progress)
         with _user_columns(found), _remarks(found):
             found, built = _made(found, options, Path(scratch) / "recording", progress)
+            _check_clock(built, options.trust_data)
         # without a name of its own, a recording has that of its folder
         recording = replace(built.recording, title=options.title or _title(paths), name="")
         write(recording, folder)
@@ -196,6 +198,16 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
     if found.sessions:
         return found, import_sessions(found, options, progress)
     return found, import_table(found, options, progress)
+
+
+def _check_clock(built: Made, trust_data: bool) -> None:
+    """InputError where an offset of the clocks may explain errors that are accepted otherwise."""
+    clocks = built.clocks
+    if clocks is None or not clocks.is_doubt or trust_data:
+        return
+    errors = [text for text in (*built.doubts, *built.warnings) if LARGE_ERRORS in text]
+    if errors:
+        raise InputError(f"{clocks.sentence} {errors[0]}")
 
 
 def _without_clouds(found: Found, radius: float) -> InputError:

@@ -22,6 +22,8 @@ from workbench.fitting.plausibility.wording import listed
 from workbench.recordings.importing.interpretation.decisions import ROTATION_REMEDY
 from workbench.recordings.importing.interpretation.fits import CandidateFit, compare_readings
 
+LARGE_ERRORS = "with large errors only"
+"""Of a recording that is accepted with a misfit that an accurate arm does not have."""
 _SHIFTED = "rows-shifted"
 _NAMED_ROWS = 12
 _NO_MISTAKE_OF_ALL_ROWS = (
@@ -150,7 +152,7 @@ def _sentence(robot: Robot, best: CandidateFit | None) -> str:
 def _large_errors(robot: Robot, recording, best: CandidateFit) -> str:
     """What a misfit means that is larger than that of an accurate arm, and far below the scatter of the points."""
     return (
-        f"The recording fits '{robot.name}' with large errors only ({best.words}, {100 * best.share:.2g} % of the "
+        f"The recording fits '{robot.name}' {LARGE_ERRORS} ({best.words}, {100 * best.share:.2g} % of the "
         f"scatter of the measured points; {good_scale(robot, recording):.2g} mm or less are usual). No mistake was "
         "found that explains them: the arm or the instrument may be this inaccurate. Check the robot file with its "
         "zero offsets, and that each row holds joints and measurement of one moment; a calibration says how much "

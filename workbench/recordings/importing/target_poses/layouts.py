@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.errors import InputError
+from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
@@ -35,6 +36,7 @@ _UNIT_LENGTH = 0.02
 _ORTHOGONAL = 0.02
 _WIDTHS = (6, 7, 12, 16)
 _FEWEST = 4
+_FEWEST_JOINTS = 5
 
 
 @dataclass(frozen=True)
@@ -48,12 +50,19 @@ class _PoseSet:
     stated: tuple[Group, Group] | None = None
 
 
+def _has_joints(table: RawTable) -> bool:
+    """Whether headers name the joints of an arm: more of them than a pose with a quaternion has components."""
+    return sum(read_header(name).kind == "joint" for name in table.columns) >= _FEWEST_JOINTS
+
+
 def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTable, Mapping] | None:
     """One table of both sets and its mapping, with flange poses and target poses; None for any other tables.
 
     mapping: the user's, which may name the columns of the joined table.
     """
     if not 0 < len(tables) <= 2 or mapping.joints is not None:
+        return None
+    if any(_has_joints(table) for table in tables):
         return None
     tables = [_with_whole_matrices(table) for table in tables]
     sets = [one for table in tables for one in _sets_of(table, len(tables))]
