@@ -129,7 +129,7 @@ def centres(error=lambda place, pose, flange: 0.0, n=40, seed=0):
     """Ball centres in the frame of a sensor that a robot with a random error of 0.03 mm carries around two balls."""
     rng = np.random.default_rng(seed)
     mount = np.eye(4)
-    mount[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    mount[:3, :3] = MOUNT
     mount[:3, 3] = 40.0, -60.0, 90.0
     balls = np.array([[900.0, 50.0, 200.0], [950.0, -150.0, 250.0]])
     rows = []
@@ -149,6 +149,7 @@ def centres(error=lambda place, pose, flange: 0.0, n=40, seed=0):
     return Recording("ball-centre", columns, None, sigma_mm=0.02, name="centres")
 
 
+MOUNT = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
 FLANGE = ("flange_x_mm", "flange_y_mm", "flange_z_mm") + tuple(f"flange_q{axis}" for axis in "wxyz")
 CENTRES = {
     "range-scale": lambda place, pose, flange: np.array([0, 0, 1e-3 * (place[2] - 350)]),
@@ -162,6 +163,34 @@ def test_effects_are_found_from_ball_centres(name):
     answer = diagnosed(centres(CENTRES[name]))
     assert [one["effect"] for one in answer["effects"]] == [name]
     assert (answer["verdict"] == "unexplained") == (name == "unknown")
+
+
+def test_a_moving_base_has_the_sign_of_its_motion():
+    """The sensor moves along with the base, and the ball then seems to be where it was the other way."""
+
+    def error(place, pose, flange):
+        return -(flange[:3, :3] @ MOUNT).T @ np.array([4e-3, 0.0, 0.0]) * pose
+
+    (found,) = diagnosed(centres(error))["effects"]
+    along_x = found["parameters"][0]
+    assert found["effect"] == "base-drift" and along_x["name"] == "x_t1"
+    assert abs(along_x["value"] - 4e-3 * 39 / 2) < 4 * along_x["std"]
+
+
+def test_a_sag_is_stated_as_the_combination_that_the_ball_shows():
+    """The same sag along all axes is a shift of the ball: no single component is determined."""
+
+    def error(place, pose, flange):
+        gravity = flange[:3, :3].T @ np.array([0.0, 0.0, -1.0])
+        return -MOUNT.T @ np.array([0.5 * gravity[0], 0.0, 0.0])
+
+    answer = diagnosed(centres(error, n=80))
+    (found,) = answer["effects"]
+    assert found["effect"] == "tool-deflection"
+    x, y, z = found["parameters"]
+    assert not any(one["identifiable"] for one in (x, y, z)) and x["std"] is None
+    assert x["value"] - y["value"] == pytest.approx(0.5, abs=0.15)
+    assert "only in combination" in found["statement"]
 
 
 def test_ball_centres_without_an_effect_are_consistent():

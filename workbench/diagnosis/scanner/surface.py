@@ -273,7 +273,13 @@ def effect_json(found: Found) -> dict:
     """The entry of a term under `effects` or `refused` of the answer."""
     candidate = found.candidate
     parameters = [
-        {"name": name, "value": float(value), "std": float(std), "unit": unit}
+        {
+            "name": name,
+            "value": float(value),
+            "std": float(std) if np.isfinite(std) else None,
+            "unit": unit,
+            "identifiable": bool(np.isfinite(std)),
+        }
         for name, value, std, unit in zip(
             candidate.names, found.values, found.std, candidate.units, strict=True
         )
@@ -283,9 +289,6 @@ def effect_json(found: Found) -> dict:
         "where": candidate.where,
         "label": candidate.label,
         "parameters": parameters,
-        "values": found.values.tolist(),
-        "std": found.std.tolist(),
-        "units": list(candidate.units),
         "p_value": found.p_value,
         "probability": found.probability,
         "alternatives": [
@@ -310,11 +313,15 @@ def _alternative_json(candidate: Candidate, probability: float) -> dict:
 def statement(found: Found) -> str:
     """The finding in a sentence."""
     candidate = found.candidate
-    numbers = ", ".join(
+    numbers = [
         f"{with_std(value, std)} {unit}".strip()
         for value, std, unit in zip(found.values, found.std, candidate.units)
-    )
-    values = f" ({numbers})" if candidate.is_named else ""
+        if np.isfinite(std)
+    ]
+    undetermined = [name for name, std in zip(candidate.names, found.std) if not np.isfinite(std)]
+    if undetermined:
+        numbers.append(f"{', '.join(undetermined)} identifiable only in combination")
+    values = f" ({', '.join(numbers)})" if candidate.is_named else ""
     return (
         f"{candidate.effect} at {candidate.where}: {candidate.label}{values}; {found.size_mm:.3g} mm RMS, "
         f"p = {found.p_value:.2g}, probability {found.probability:.2f}; held-out error {found.before:.4g} -> "

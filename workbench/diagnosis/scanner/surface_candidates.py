@@ -1,12 +1,13 @@
 """Effects that points on a ball can show of a sensor with its own calibration, and smooth nonparametric alternatives.
 
-An alternative displaces the points along one axis of the sensor by a polynomial of one covariate. Where one explains
-more than every effect with a name, something is missing that no name describes.
+The columns of an effect are those of its own definition (`Effect.basis`), as displacements along the ball's normal.
+An alternative displaces the points along one axis of the sensor by a function of one covariate. Where one explains more
+than every effect with a name, something is missing that no name describes.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -15,11 +16,10 @@ from datasets.recording import Recording
 from robot_model.effects.drift import BaseDrift
 from robot_model.effects.elastic import ToolDeflection
 from sensors.effects import artefact, recorded, surface
+from workbench.core.effect import Effect
 from workbench.diagnosis.scanner.surface_problem import SurfaceData
 
 UNKNOWN = "unknown"
-_STEEPEST = np.deg2rad(75.0)
-"""Incidence from which on the shift along the ray, which grows with its tangent, grows no more."""
 _DRIFT_DEGREES = (1, 3)
 _DEGREES = (1, 2, 3, 5)
 """Of the polynomials of an alternative."""
@@ -58,86 +58,125 @@ class Candidate:
 
 def candidates(recording: Recording, data: SurfaceData, is_profile: bool) -> list[Candidate]:
     """All effects and alternatives; is_profile: points lie in the plane y = 0 of the sensor."""
-    found = [*_of_range(data), *_field_biases(data, is_profile), *_of_poses(data)]
-    covariates = _covariates(data, is_profile)
+    state = _State.of(recording, data, is_profile)
+    found = [*_of_sensor(data, state, is_profile), *_of_poses(data, state)]
+    covariates = dict(zip(AXES, data.local)) | {"order": data.pose + 1.0}
+    if is_profile:
+        del covariates["y"]
     if recording.measures == "ball-surface":
-        incidence = np.arccos(_cosine(data, is_profile))
-        covariates["incidence"] = np.rad2deg(incidence)
-        found += [_of_incidence(incidence), *_of_ball(data)]
+        covariates["incidence"] = np.rad2deg(state.incidence)
+        found += _of_ball(data, state)
     recorded_columns = dict(_recorded(recording, data))
     for name, values in recorded_columns.items():
-        column = (data.along(2) * _standardised(values))[:, None]
-        label = f"z errs with {name}"
-        about = (recorded.RecordedColumn.effect, "sensor", label, ("slope",), ("mm",))
-        found.append(Candidate(*about, column, (name,), values))
+        column = (data.along(2) * (values - values.mean()))[:, None]
+        about = (recorded.RecordedColumn.effect, "sensor", f"z errs with {name}")
+        found.append(Candidate(*about, ("slope",), ("mm/unit",), column, (name,), values))
     return found + list(_smooth(data, covariates | recorded_columns, is_profile))
 
 
-def _of_range(data: SurfaceData) -> Iterator[Candidate]:
-    z = data.local[2]
-    depth = (data.along(2) * (z - np.median(z)))[:, None]
-    about = (surface.RangeScale.effect, "sensor", "scale of z", ("scale",), ("mm/mm",))
-    yield Candidate(*about, depth, ("z",), z)
+@dataclass(frozen=True)
+class _State:
+    """What the effects read of n points: `points`, unit `rays` and outward `normals` (3, n) in the sensor frame,
+    `field` (2, n), `ball` (n,), `frames` with the axes of the flange, `gravity` (3,) in the base, `covariates`."""
+
+    points: np.ndarray
+    rays: np.ndarray
+    normals: np.ndarray
+    field: np.ndarray
+    ball: np.ndarray
+    frames: SimpleNamespace
+    gravity: np.ndarray
+    covariates: Mapping[str, np.ndarray]
+
+    @classmethod
+    def of(cls, recording: Recording, data: SurfaceData, is_profile: bool) -> "_State":
+        """Of a base whose z is vertical; the clock is the recorded time, or the number of the pose."""
+        local = data.local
+        rays = local / np.linalg.norm(local, axis=0)
+        if is_profile:  # the plane of light is all that is known of them
+            rays = np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), local.shape)
+        normals = np.stack([data.along(axis) for axis in range(3)])
+        axes = data.flange[data.pose, :3, :3].transpose(2, 1, 0)
+        time = recording.covariates.get("time_s")
+        clock = data.pose.astype(float) if time is None else time[data.row]
+        size = max(float(np.abs(local[:2]).max()), 1e-9)
+        frames = SimpleNamespace(link=[axes])
+        ball, gravity = np.ones(len(data.pose), int), np.array([0.0, 0.0, -1.0])
+        return cls(local, rays, normals, local[:2] / size, ball, frames, gravity, {"time_s": clock})
+
+    @property
+    def n(self) -> int:
+        return self.points.shape[1]
+
+    @property
+    def incidence(self) -> np.ndarray:
+        """(n,) rad."""
+        return np.arccos(np.clip(np.abs((self.rays * self.normals).sum(0)), 0, 1))
 
 
-def _of_incidence(incidence: np.ndarray) -> Candidate:
-    """incidence (n,): rad."""
+def _candidate(
+    effect: Effect,
+    label: str,
+    state,
+    normals: np.ndarray,
+    depends_on: tuple[str, ...],
+    chosen: slice | list[int] = slice(None),
+) -> Candidate:
+    """A candidate with the columns of an effect's definition; normals (3, n): in the frame of its displacement.
+
+    chosen: which of its parameters.
+    """
+    basis = effect.basis(state)[chosen]
+    components = effect.components or range(basis.shape[1])
+    along = np.stack([normals[k] for k in components])
+    columns = np.einsum("pcn,cn->np", basis, along)
+    table = np.array(effect.table(None), object)[chosen]
+    names = tuple(p.key.rpartition(".")[2] for p in table)
+    units = tuple(p.unit for p in table)
+    return Candidate(effect.effect, effect.where, label, names, units, columns, depends_on)
+
+
+def _of_sensor(data: SurfaceData, state: _State, is_profile: bool) -> Iterator[Candidate]:
+    """Displacements of the measured points in the sensor frame."""
+    scale = surface.RangeScale("sensor", z0=float(np.median(data.local[2])))
+    yield _candidate(scale, "scale of z", state, state.normals, ("z",))
+    bias = surface.FieldBias("sensor")
+    fields = {"x": [0, 2]} if is_profile else {"x": [0, 2], "y": [1, 4], "x and y": slice(None)}
+    for name, chosen in fields.items():
+        label = f"z errs by a quadratic polynomial of {name}"
+        depends_on = tuple(name.split(" and "))
+        yield _candidate(bias, label, state, state.normals, depends_on, chosen)
+
+
+def _of_ball(data: SurfaceData, state: _State) -> Iterator[Candidate]:
+    """Errors of incidence, and of the ball itself."""
+    shift = surface.IncidenceBias("sensor")
     label = "shift along the ray with incidence"
-    about = (surface.IncidenceBias.effect, "sensor", label, ("shift",), ("mm",))
-    column = -np.tan(incidence) * np.cos(incidence)
-    return Candidate(*about, column[:, None], ("incidence",), np.rad2deg(incidence))
-
-
-def _field_biases(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
-    """Polynomials of the second degree of one coordinate of the field, and of both."""
-    x, y, _ = data.local
-    size = max(np.abs(np.stack([x, y])).max(), 1e-9)
-    flat = {"x": x / size} if is_profile else {"x": x / size, "y": y / size}
-    for chosen in ["x"] if is_profile else ["x", "y", "xy"]:
-        powers = {name: flat[name] for name in chosen}
-        for first, second in combinations_with_replacement(chosen, 2):
-            powers[first + second] = flat[first] * flat[second]
-        label = f"z errs by a quadratic polynomial of {' and '.join(chosen)}"
-        about = (surface.FieldBias.effect, "sensor", label, tuple(powers), ("mm",) * len(powers))
-        columns = data.along(2)[:, None] * np.stack(list(powers.values()), axis=1)
-        yield Candidate(*about, columns, tuple(chosen))
-
-
-def _cosine(data: SurfaceData, is_profile: bool) -> np.ndarray:
-    """(n,) cosine of the angle between ray and normal, of a surface that is not seen too steeply."""
-    rays = np.stack([0 * data.local[0], 0 * data.local[1], 1 + 0 * data.local[2]])
-    if not is_profile:
-        rays = data.local / np.linalg.norm(data.local, axis=0)
-    rays = np.einsum("nij,jn->ni", data.sensor[data.pose][:, :3, :3], rays)
-    return np.clip(-np.einsum("ni,ni->n", data.normal, rays), np.cos(_STEEPEST), 1)
-
-
-def _of_ball(data: SurfaceData) -> Iterator[Candidate]:
-    about = (artefact.BallRadius.effect, "ball-1", "radius of the ball", ("radius",), ("mm",))
-    yield Candidate(*about, np.ones((len(data.residual), 1)), ())
+    yield _candidate(shift, label, state, state.normals, ("incidence",))
+    radius = artefact.BallRadius("ball-1")
+    yield _candidate(radius, "radius of the ball", state, state.normals, ())
+    in_base = SimpleNamespace(normals=data.normal.T, ball=state.ball)
     for degree in (2, 3):
-        lobes = artefact.spherical_harmonics(degree, data.normal.T).T
-        names = tuple(f"d{degree}m{k}" for k in range(lobes.shape[1]))
+        form = artefact.BallForm("ball-1", degree)
         label = f"lobes of degree {degree}, in the axes of the base"
-        about = (artefact.BallForm.effect, "ball-1", label, names, ("mm",) * len(names))
-        yield Candidate(*about, lobes, ("normal",))
+        yield _candidate(form, label, in_base, data.normal.T, ("normal",))
 
 
-def _of_poses(data: SurfaceData) -> Iterator[Candidate]:
-    """Motions of the whole sensor: under gravity, and with time."""
-    in_flange = np.einsum("nji,nj->ni", data.flange[data.pose, :3, :3], data.normal)
-    gravity = -data.flange[data.pose, 2, :3]  # of a base whose z is vertical
-    about = (ToolDeflection.effect, "tool", "sag under its own weight")
-    names = tuple(f"sag_{axis}" for axis in AXES)
-    yield Candidate(*about, names, ("mm",) * 3, in_flange * gravity, ("attitude",))
-    order = _unit(data.pose)
-    for degree in _DRIFT_DEGREES:
-        powers = legvander(order, degree)[:, 1:]
-        columns = (data.normal[:, :, None] * powers[:, None]).reshape(len(order), -1)
-        names = tuple(f"{axis}_{k + 1}" for axis in AXES for k in range(degree))
-        label = f"base or ball move slowly from pose to pose, a polynomial of degree {degree}"
-        about = (BaseDrift.effect, "base", label, names, ("mm",) * len(names))
-        yield Candidate(*about, columns, ("order",), data.pose + 1.0)
+def _of_poses(data: SurfaceData, state: _State) -> Iterator[Candidate]:
+    """Motions of the whole sensor, under gravity and with time: a point is computed where it would be without them."""
+    in_flange = np.einsum("nji,nj->in", data.flange[data.pose, :3, :3], data.normal)
+    deflection = ToolDeflection("tool")
+    yield _candidate(deflection, "sag under its own weight", state, -in_flange, ("attitude",))
+    time = state.covariates["time_s"]
+    if not np.ptp(time) > 0:
+        return
+    for order in _DRIFT_DEGREES:
+        drift = BaseDrift("base", float(time.min()), float(time.max()), order)
+        # a rotation of the base moves one ball as a translation does
+        shifts = [6 * degree + axis for degree in range(order) for axis in range(3)]
+        label = f"base or ball move slowly from pose to pose, a polynomial of degree {order}"
+        normals = np.concatenate([-data.normal.T, np.zeros_like(data.normal.T)])
+        yield _candidate(drift, label, state, normals, ("order",), shifts)
 
 
 def _recorded(recording: Recording, data: SurfaceData) -> Iterator[tuple[str, np.ndarray]]:
@@ -146,13 +185,6 @@ def _recorded(recording: Recording, data: SurfaceData) -> Iterator[tuple[str, np
         values = cells[data.row]
         if np.isfinite(values).all() and np.ptp(values) > 0:
             yield name, values
-
-
-def _covariates(data: SurfaceData, is_profile: bool) -> dict[str, np.ndarray]:
-    covariates = dict(zip(AXES, data.local)) | {"order": data.pose + 1.0}
-    if is_profile:
-        del covariates["y"]
-    return covariates
 
 
 def _smooth(data: SurfaceData, covariates, is_profile: bool) -> Iterator[Candidate]:
@@ -196,7 +228,3 @@ def _unit(values: np.ndarray) -> np.ndarray:
     """(n,) values scaled to -1 ... 1."""
     low, high = float(values.min()), float(values.max())
     return 2 * (values - low) / max(high - low, 1e-12) - 1
-
-
-def _standardised(values: np.ndarray) -> np.ndarray:
-    return (values - values.mean()) / values.std()

@@ -27,6 +27,8 @@ from workbench.diagnosis.scanner.surface_candidates import Candidate
 from workbench.diagnosis.scanner.surface_problem import SurfaceData
 from workbench.diagnosis.validation.held_out import clark_west_t, rms
 
+_SMALLEST = float(np.sqrt(ROUNDING))
+"""Share of a column below which what is left of it after a projection is rounding."""
 _COORDINATES = 3
 """Of a pose: its points show the distance of the sensor from the ball, and hardly more."""
 _LEAST_DEGREES = 4
@@ -224,8 +226,10 @@ class Search:
                 sizes = [
                     self._size(deviations * sigma * column)
                     for sigma, column in zip(std, one.columns.T)
+                    if np.isfinite(sigma)
                 ]
-                yield one, max(sizes)
+                if sizes:
+                    yield one, max(sizes)
 
     def _size(self, error: np.ndarray) -> float:
         """mm, RMS of the part of an error (n,) that no hand-eye transform and centre of the ball make."""
@@ -233,10 +237,23 @@ class Search:
         return float(np.sqrt(np.mean((error - basis @ (basis.T @ error)) ** 2)))
 
     def _estimates(self, candidate, others, dispersion: float) -> tuple[np.ndarray, np.ndarray]:
-        """Values and standard deviations (k,) of a candidate's parameters."""
+        """Values and standard deviations (k,) of a candidate's parameters; nan for what only a combination shows."""
         inverse = np.linalg.pinv(self._columns([*others, candidate]), rcond=ROUNDING)
         rows = inverse[-candidate.columns.shape[1] :]
-        return rows @ self.target, np.sqrt(dispersion * (rows**2).sum(1))
+        std = np.sqrt(dispersion * (rows**2).sum(1))
+        std[self._undetermined(candidate, others)] = np.nan
+        return rows @ self.target, std
+
+    def _undetermined(self, candidate: Candidate, others: Sequence[Candidate]) -> np.ndarray:
+        """(k,) parameters that change along a direction which the other terms and the baseline make as well."""
+        columns = self.white[id(candidate)]
+        scaled = columns / np.linalg.norm(columns, axis=0)
+        basis = _orthonormal(self._columns(others))
+        _, size, directions = np.linalg.svd(
+            scaled - basis @ (basis.T @ scaled), full_matrices=False
+        )
+        null = directions[size < _SMALLEST]
+        return (null**2).sum(0) > _SMALLEST
 
 
 def _shares(candidate: Candidate, ranked) -> tuple[float, tuple[tuple[Candidate, float], ...]]:
@@ -260,7 +277,7 @@ def _shares(candidate: Candidate, ranked) -> tuple[float, tuple[tuple[Candidate,
 def _orthonormal(columns: np.ndarray, scale: float | None = None) -> np.ndarray:
     """(n, r) orthonormal basis of columns (n, k); `scale`: what their length is compared with."""
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, size > np.sqrt(ROUNDING) * (size[0] if scale is None else scale)]
+    return basis[:, size > _SMALLEST * (size[0] if scale is None else scale)]
 
 
 def _without(terms: Sequence[Candidate], candidate: Candidate) -> list[Candidate]:
