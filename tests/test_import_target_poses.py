@@ -8,11 +8,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+import datasets
 from target_scenes import euler_deg, quaternions, rotation_vectors, target_scene
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse
 from workbench.jobs.sensor.hand_eye import calibrate
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.templates import write_template
 
 METRES = np.array([[1, 1, 1, 1000]] * 3 + [[1, 1, 1, 1]])
 
@@ -171,3 +173,20 @@ def test_a_wrong_row_is_named(tmp_path):
     doubts = _made([first, second], tmp_path).doubts
     assert len(doubts) == 1
     assert "row 7 " in doubts[0]
+
+
+@pytest.mark.parametrize("header", ["", "q1,q2,q3,q4,q5,q6,x,y,z,rx,ry,rz"])
+def test_joint_readings_next_to_a_pose_are_no_two_poses(tmp_path, header):
+    """Twelve columns may be six joints and the pose of the flange; without a robot the import asks for it."""
+    write_template("external-pose", tmp_path / "template", "ur10")
+    columns = datasets.read(tmp_path / "template").columns
+    joints = np.stack([columns[f"q{k}_deg"] for k in range(1, 7)], 1)
+    points = np.stack([columns[f"{axis}_mm"] for axis in "xyz"], 1)
+    quaternion = np.stack([columns[f"q{axis}"] for axis in "xyzw"], 1)
+    angles = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True)
+    table = _write(tmp_path / "table.csv", np.c_[joints, points, angles], header)
+    with pytest.raises(InputError) as refused:
+        _made([table], tmp_path)
+    assert "joint" in str(refused.value) and "flange poses" not in str(refused.value)
+    made = _made([table], tmp_path / "named", robot="ur10").recording
+    assert made.measures.startswith("external-")

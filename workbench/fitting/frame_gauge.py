@@ -76,7 +76,8 @@ def undetermined_offset_words(parameters: Parameters, held: Sequence[str]) -> st
     if not held:
         return ""
     labels = {p.key: p.label for p in parameters.table}
-    named = ", ".join(f"{labels[key]} ({parameters[key]:.1f} mm)" for key in held)
+    # 0.0 added: a rounded -0.04 is no -0.0
+    named = ", ".join(f"{labels[key]} ({round(parameters[key], 1) + 0.0:.1f} mm)" for key in held)
     return (
         f"These poses do not determine {named}: the same change of the base explains the measurements as well, since "
         "the axes are parallel. It is held at the value that the nominal geometry gives, which does not affect the "

@@ -37,6 +37,9 @@ _ORTHOGONAL = 0.02
 _WIDTHS = (6, 7, 12, 16)
 _FEWEST = 4
 _FEWEST_JOINTS = 5
+_MOST_MISFIT = 0.03
+"""Difference of the angles by which two sets rotate, as a share of these (`angle_misfit`), above which two sets without
+names are no poses of one rigid body: joint readings next to a pose have 0.06 and more, poses 1 deg off 0.007."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,9 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
     if chosen is None:
         return None
     flange, target = chosen
+    is_named = mapping.measures == "target-pose" or _is_target(sets[0]) != _is_target(sets[1])
+    if not is_named and angle_misfit(joined, flange[1], target[1]) > _MOST_MISFIT:
+        return None
     proposed = Mapping(
         measures="target-pose",
         flange_point=flange[0],
