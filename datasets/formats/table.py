@@ -93,7 +93,7 @@ def number_groups(table: Table, groups: tuple[str, ...]) -> Table:
         values = columns.get(group)
         if values is None or values.dtype.kind == "f":
             continue
-        if any(_is_number(cell) for cell in values):
+        if any(is_number(cell) for cell in values):
             columns[group] = _numbers(group, values.tolist(), table.rows, table.called)
             continue
         if (values == "").any():
@@ -291,13 +291,13 @@ def _numbers(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.n
     try:
         return np.array(cells, dtype=str).astype(float)
     except ValueError:
-        bad = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+        bad = next(k for k, cell in enumerate(cells) if not is_number(cell))
     cell, where = cells[bad], f"{called}, row {rows[bad]}, column {name}"
     if not cell:
         raise complaint(
             where, "a number", "an empty cell", "fill it, or delete the row or the whole column"
         )
-    if _is_number(cell.replace(",", ".")):
+    if is_number(cell.replace(",", ".")):
         raise complaint(
             where,
             "a number with a decimal point",
@@ -312,7 +312,8 @@ def _numbers(name: str, cells: list[str], rows: np.ndarray, called: str) -> np.n
     )
 
 
-def _is_number(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell of text is a number; nan and inf are."""
     try:
         float(cell)
     except ValueError:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.formats.table import is_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class RawTable:
         if cells.dtype.kind == "f":
             return cells
         for row, cell in enumerate(cells):
-            if cell and not _is_number(cell):
+            if cell and not is_number(cell):
                 raise complaint(
                     f"{self.file}, row {self.lines[row]}, column {name}",
                     "a number",
@@ -95,11 +96,3 @@ class Source:
             other.camera if self.camera is None else self.camera,
             self.warnings + other.warnings,
         )
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True

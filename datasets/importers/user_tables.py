@@ -16,7 +16,7 @@ import numpy as np
 
 from datasets.errors import InputError, complaint
 from datasets.files import read_text
-from datasets.formats.table import Table, UserColumns, read_table
+from datasets.formats.table import Table, UserColumns, is_number, read_table
 from datasets.importers.mapping import conversion
 from datasets.importers.mapping.candidates import (
     ANGLE_UNITS,
@@ -177,18 +177,10 @@ def _text_columns(path: Path) -> list[str]:
     found = []
     for k, name in enumerate(header):
         cells = [row[k].strip() for row in rows[1:] if k < len(row)]
-        numbers = sum(map(_is_number, cells))
+        numbers = sum(map(is_number, cells))
         if name not in known and numbers < _MOSTLY * len(cells):
             found.append(name)
     return found
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _one_table(path: Path) -> RawTable:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from datasets.formats.table import is_number
 from datasets.importers.mapping.columns.column_units import each_unit, joined_units
 from datasets.importers.mapping.conversion import (
     axis_columns,
@@ -126,15 +127,6 @@ def _numbered_groups(
             continue
         order = list(dict.fromkeys(cells.tolist()))
         groups[name] = np.array([order.index(cell) + 1 for cell in cells.tolist()], float)
-        if name in GROUPS and not any(_is_number(text) for text in order):
+        if name in GROUPS and not any(is_number(text) for text in order):
             names[name] = tuple(order)
     return groups, names
-
-
-def _is_number(text: str) -> bool:
-    """A name that reads as a number would be read back as this number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
