@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_model.effects.stiffness import stiffness_rows
+from robot_model.stiffness import stiffness_rows
 from scenes import model_of, observed, scene
 from test_report import STIFFNESS
 from workbench.core.least_squares.solver import solve

@@ -11,9 +11,9 @@ from robot_model import load_robot
 from robot_model.effects import CATALOGUE
 from robot_model.effects.friction import lattice_step
 from robot_model.effects.instrument import sight_lines
-from robot_model.effects.load_mass import load_masses
-from robot_model.effects.stiffness import MASSES, PRODUCT, stiffness_rows
 from robot_model.effects.unknown_masses import bar_moments, base_columns
+from robot_model.load_mass import load_masses
+from robot_model.stiffness import MASSES, PRODUCT, stiffness_rows
 from scenes import ABB, CRAIG, model_of, scene
 from workbench.core.covariates import MotionHistory
 from workbench.core.effect import numeric_derivative

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.effects.structure_function import (
+from robot_model.effects.extrapolation import (
     distance_beyond,
     extrapolation_sigma,
     grid_points,

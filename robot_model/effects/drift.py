@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import THETA, link_lengths
-from robot_model.effects.after_recording import change_after_recording
+from robot_model.effects.extrapolation import change_after_recording
 from robot_model.effects.transmission import size_of, turning_joints
 from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
 from workbench.core.effect import Effect, Variant

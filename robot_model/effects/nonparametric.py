@@ -11,12 +11,12 @@ from numpy.polynomial.legendre import legvander
 from pydantic import Field
 
 from robot_model.derived_covariates import covariate
-from robot_model.effects.instrument import sight_directions
-from robot_model.effects.structure_function import (
+from robot_model.effects.extrapolation import (
     distance_beyond,
     extrapolation_sigma,
     grid_points,
 )
+from robot_model.effects.instrument import sight_directions
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter

@@ -6,8 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.chain import link_lengths
-from robot_model.effects.after_recording import change_after_recording
-from robot_model.effects.structure_function import distance_beyond
+from robot_model.effects.extrapolation import change_after_recording, distance_beyond
 from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.effects.curve import describe_curves
-from robot_model.effects.stiffness import stiffness_rows
+from robot_model.stiffness import stiffness_rows
 
 
 @dataclass(frozen=True)

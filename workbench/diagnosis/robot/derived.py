@@ -9,9 +9,9 @@ import numpy as np
 
 from robot_model.effects.curve import JointCurve, dominant_cycles, periodic_share, reading_scale
 from robot_model.effects.load import LoadDeflection
-from robot_model.effects.load_mass import load_masses
 from robot_model.effects.steps import Shift
 from robot_model.effects.unknown_masses import TYPICAL_RAD
+from robot_model.load_mass import load_masses
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.model import NOISE, STATE_PORTS

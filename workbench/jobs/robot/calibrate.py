@@ -108,7 +108,7 @@ class Calibration:
 
     @cached_property
     def stiffness(self) -> list[dict]:
-        """A row a joint that deflects, as of `robot_model.effects.stiffness.StiffnessRow`."""
+        """A row a joint that deflects, as of `robot_model.stiffness.StiffnessRow`."""
         return joint_stiffness(self)
 
     def as_json(self) -> dict:

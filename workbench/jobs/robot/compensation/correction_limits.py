@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.errors import complaint
-from robot_model.effects.after_recording import CLOCK
+from robot_model.effects.extrapolation import CLOCK
 from robot_model.state import approaches_read, sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError

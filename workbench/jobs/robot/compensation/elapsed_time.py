@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robot_model.effects.after_recording import CLOCK
+from robot_model.effects.extrapolation import CLOCK
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.compensate import (
     model_at,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robot_model.effects.after_recording import CLOCK
+from robot_model.effects.extrapolation import CLOCK
 from robot_model.state import sliding
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters

@@ -1,7 +1,17 @@
-"""Extrapolation error of an empirical function beyond its recorded range, from its structure function within it."""
+"""Uncertainty of laws beyond the recorded range of their argument: empirical functions, and drifts after the recording.
+
+An empirical function is extrapolated by its structure function within the range; a drift may go on, slow down or stop.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.effect import Effect
+
+CLOCK = "time_s"
+"""Covariate of the laws of time."""
 GRID = 257
 """Least number of grid points over a recorded range."""
 _PER_HALF_WAVE = 8
@@ -45,4 +55,28 @@ def _trend(values: np.ndarray, span: float) -> np.ndarray:
     return np.sqrt((slope**2).reshape(len(values), -1).mean(1))
 
 
-__all__ = ["GRID", "distance_beyond", "extrapolation_sigma", "grid_points"]
+def change_after_recording(
+    effect: Effect, p: np.ndarray, state, recorded: Mapping[str, tuple[float, float]] | None
+) -> np.ndarray | None:
+    """(m, n) size of what a law predicts to change between the end of the recording and the time of each sample.
+
+    As 1 sigma: that the law holds on beyond the recording is as likely as that the change ends with it. None for
+    samples within the recorded time, and where no time was recorded or its range is not known.
+    """
+    low, high = (recorded or {}).get("time", (-np.inf, np.inf))
+    time = state.covariates.get(CLOCK)
+    if time is None or not distance_beyond(time, low, high).any():
+        return None
+    known = {**state.covariates, CLOCK: np.clip(time, low, high)}
+    last = effect.delta(p, replace(state, covariates=known))
+    return np.abs(effect.delta(p, state) - last)
+
+
+__all__ = [
+    "CLOCK",
+    "GRID",
+    "change_after_recording",
+    "distance_beyond",
+    "extrapolation_sigma",
+    "grid_points",
+]
