@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.hand_eye.checks.mistakes import Reading
+from sensors.hand_eye.checks.nouns import Nouns
 from sensors.hand_eye.checks.permutation import best_permutation, permuted, reassigned
 from sensors.hand_eye.checks.pose_data import Freedom, PoseData, PoseFit, kept_images
 from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, refit
@@ -71,7 +72,7 @@ def moved_of(flange: np.ndarray, kind: str) -> np.ndarray:
     return flange if kind == "in-hand" else inverse(flange)
 
 
-def scale_alternative(data: PoseData) -> Iterator[Alternative]:
+def scale_alternative(data: PoseData, nouns: Nouns) -> Iterator[Alternative]:
     """A common factor between the lengths that the camera sees and those of the flange."""
     if data.count < 3:
         return
@@ -80,14 +81,14 @@ def scale_alternative(data: PoseData) -> Iterator[Alternative]:
     std = fit.scale_std
     if not np.isfinite(std) or abs(log) < max(_DIFFERENT * std, _LEAST_SCALE):
         return
-    seems, do = _scale_words(fit.scale, std)
+    seems, do = _scale_words(fit.scale, std, nouns)
     # If it is the board that is too large, so is every length that the camera sees.
     yield Alternative(
         "scale", seems, do, fit.trimmed_rms, 1, 1, grows=max(fit.scale, 1.0), falls=1.2
     )
 
 
-def _scale_words(scale, std):
+def _scale_words(scale, std, nouns: Nouns):
     """Scale: by how much the flange positions must grow; std: 1 sigma of its logarithm."""
     factor = max(scale, 1 / scale)
     size = _with_std(factor, factor * std)
@@ -95,13 +96,13 @@ def _scale_words(scale, std):
     near = [
         name for value, name in _UNITS.items() if abs(np.log(factor / value)) < max(3 * std, 0.02)
     ]
-    what = "flange positions" if scale > 1 else "square_mm"
+    what = "flange positions" if scale > 1 else nouns.size_name
     question = f" ({what} in {near[0]}?)" if near else ""
     seems = (
-        f"the squares of the board look {size} times too {board}, or the flange positions {size} times too "
+        f"{nouns.size_looks} {size} times too {board}, or the flange positions {size} times too "
         f"{flange}{question}"
     )
-    return seems, "correct square_mm under [board], or the unit of the flange positions"
+    return seems, f"correct {nouns.size_source}, or the unit of the flange positions"
 
 
 def _with_std(value, std):
@@ -150,9 +151,9 @@ def _changed(data, starts, freedom, rough):
 def _change(fit, named) -> Alternative:
     freedom = fit.freedom
     first = freedom.sensor_from if freedom.board_from is None else freedom.board_from
-    what = _sensor_moved(named.kind) if freedom.board_from is None else _board_moved(named.kind)
+    what = _sensor_moved(named.kind) if freedom.board_from is None else _target_moved(named)
     seems = f"{what} moved between {named.images[first - 1]} and {named.images[first]}"
-    do = "split the recording there, or take the images again with everything clamped"
+    do = f"split the recording there, or {named.nouns.repeat} with everything clamped"
     return Alternative("moved", seems, do, fit.rms, 6, 2, True, falls=2.0)
 
 
@@ -160,8 +161,9 @@ def _sensor_moved(kind):
     return "the camera on the flange" if kind == "in-hand" else "the camera"
 
 
-def _board_moved(kind):
-    return "the board (or the base of the arm)" if kind == "in-hand" else "the board on the flange"
+def _target_moved(named):
+    elsewhere = " (or the base of the arm)" if named.kind == "in-hand" else " on the flange"
+    return f"the {named.nouns.target}{elsewhere}"
 
 
 def permutation_alternatives(data: PoseData, recorded: PoseFit, named) -> Iterator[Alternative]:
@@ -202,13 +204,13 @@ def _permutation(order, fit, named) -> Alternative:
     if len(moved) == 2:
         seems = f"the poses of {named.images[moved[0]]} and {named.images[moved[1]]} look exchanged"
     else:
-        seems = f"images and poses look permuted: {', '.join(names[:6])}{more}"
+        seems = f"{named.nouns.samples} and poses look permuted: {', '.join(names[:6])}{more}"
     # Choosing among the orders of so many poses is a choice of this many parameters.
     extra = int(np.ceil(np.log(np.arange(1, len(moved) + 1)).sum() / np.log(6 * len(order)) * 2))
     return Alternative(
         "permuted",
         seems,
-        "correct the column sample of images.csv",
+        f"correct {named.nouns.order}",
         fit.rms,
         extra,
         1,

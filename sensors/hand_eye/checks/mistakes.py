@@ -7,6 +7,7 @@ from itertools import chain, permutations, product
 
 import numpy as np
 
+from sensors.hand_eye.checks.nouns import BOARD_IMAGES, Nouns
 from sensors.hand_eye.start import STILL
 from workbench.core.rigid import inverse, rotation_vector, transform
 
@@ -28,19 +29,19 @@ class Reading:
     flange: np.ndarray
 
 
-def pose_readings(flange: np.ndarray) -> Iterator[Reading]:
+def pose_readings(flange: np.ndarray, nouns: Nouns = BOARD_IMAGES) -> Iterator[Reading]:
     """Every mistake that flange poses (P, 4, 4) may hold, the most frequent first."""
     rotation = flange[:, :3, :3]
     place = flange[:, :3, 3]
     yield Reading(
         "inverse",
-        "the poses look inverted, T_flange_base given for T_base_flange, or the sensor and the board have changed "
-        "places (--kind)",
+        "the poses look inverted, T_flange_base given for T_base_flange, or the sensor and the "
+        f"{nouns.target} have changed places (--kind)",
         "write T_base_flange, or name the other --kind",
         inverse(flange),
     )
-    yield from _position_readings(rotation, place)
-    yield from _order_readings(flange)
+    yield from _position_readings(rotation, place, nouns)
+    yield from _order_readings(flange, nouns)
     if _rotates(rotation):  # orientations that never change say nothing of how they are written
         yield from _quaternion_readings(rotation, place)
         yield from _angle_readings(rotation, place)
@@ -51,12 +52,12 @@ def _rotates(rotation):
     return np.linalg.norm(rotation_vector(relative), axis=1).max() > STILL
 
 
-def _position_readings(rotation, place) -> Iterator[Reading]:
+def _position_readings(rotation, place, nouns: Nouns) -> Iterator[Reading]:
     mirror = np.diag([1.0, -1.0, 1.0])
     yield Reading(
         "mirrored",
-        "the flange frame (or the image) looks mirrored, left-handed",
-        "convert positions and orientations to a right-handed frame, or undo the flip of the image",
+        f"the flange frame (or the {nouns.mirrored}) looks mirrored, left-handed",
+        f"convert positions and orientations to a right-handed frame, or undo {nouns.unmirror}",
         transform(mirror @ rotation @ mirror, place @ mirror),
     )
     for signs in product((1.0, -1.0), repeat=3):
@@ -79,17 +80,17 @@ def _position_readings(rotation, place) -> Iterator[Reading]:
             )
 
 
-def _order_readings(flange) -> Iterator[Reading]:
-    for step, words in ((1, "of the image before"), (-1, "of the image after")):
+def _order_readings(flange, nouns: Nouns) -> Iterator[Reading]:
+    for step, neighbour in ((1, "before"), (-1, "after")):
         yield Reading(
             "shifted",
-            f"the poses look shifted by one row: each image has the pose {words}",
-            "shift the rows back, and look for an image that was lost",
+            f"the poses look shifted by one row: each {nouns.sample} has the pose of the {nouns.sample} {neighbour}",
+            f"shift the rows back, and look for {nouns.a_sample} that was lost",
             np.roll(flange, -step, 0),
         )
     yield Reading(
         "reversed",
-        "the poses look listed in the opposite order of the images",
+        f"the poses look listed in the opposite order of the {nouns.samples}",
         "reverse the rows",
         flange[::-1],
     )

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 
+from sensors.hand_eye.checks.nouns import BOARD_IMAGES, Nouns
 from sensors.hand_eye.checks.review import Review
 
 _NAMED = 6
 
 
-def outlier_sentence(review: Review, names: Sequence[str]) -> str | None:
+def outlier_sentence(
+    review: Review, names: Sequence[str], nouns: Nouns = BOARD_IMAGES
+) -> str | None:
     """State what is wrong with the outlying images of a review, and what to do; None where there are none.
 
     names: of the images, or of the rows with their poses.
@@ -20,6 +23,7 @@ def outlier_sentence(review: Review, names: Sequence[str]) -> str | None:
         words.append(f"{len(ordered) - _NAMED} more")
     count = len(review.fit.distance)
     return (
-        f"the flange poses of {len(ordered)} of {count} images do not fit those of the others: the board seems to be "
-        f"displaced in {', '.join(words)}; check the pose and the image of these rows, and correct or remove them"
+        f"the flange poses of {len(ordered)} of {count} {nouns.samples} do not fit those of the others: the "
+        f"{nouns.target} seems to be displaced in {', '.join(words)}; check {nouns.both} of these rows, and correct or "
+        "remove them"
     )

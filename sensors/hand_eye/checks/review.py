@@ -24,6 +24,7 @@ from sensors.hand_eye.checks.alternatives import (
 )
 from sensors.hand_eye.checks.corner_noise import CornerNoise
 from sensors.hand_eye.checks.mistakes import Reading
+from sensors.hand_eye.checks.nouns import BOARD_IMAGES, Nouns
 from sensors.hand_eye.checks.pose_data import PoseData, PoseFit
 from sensors.hand_eye.checks.pose_fit import fit_poses
 from sensors.hand_eye.checks.time_lag import lag_alternatives
@@ -95,10 +96,11 @@ class Review:
 
 @dataclass(frozen=True)
 class Named:
-    """Names of the images in sentences, and the place of the sensor: kind "in-hand" or "to-hand"."""
+    """Names of the images or rows, kind ("in-hand" or "to-hand": where the sensor is) and nouns of the sentences."""
 
     images: Sequence[str]
     kind: str
+    nouns: Nouns = BOARD_IMAGES
 
 
 def review(
@@ -117,18 +119,21 @@ def review(
     recorded = fit_poses(data, starts=starts)
     result = Review(recorded.rms, recorded.trimmed_rms, noise, (), recorded)
     fitted = [*outlier_alternative(data, recorded), *change_alternatives(data, recorded, named)]
-    fitted += scale_alternative(data)
+    fitted += scale_alternative(data, named.nouns)
     if result.scatter_mm > _NOISY * result.expected_mm:
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
-        fitted += lag_alternatives(data, recorded, named.kind)
+        fitted += lag_alternatives(data, recorded, named)
         fitted += more(data) if more is not None else ()
     best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
         result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
         best = None
-    finding = None if best is None else _finding(result, best, others, _arm(data, recorded))
-    finding = finding or _unexplained(result, data, _arm(data, recorded))
+    arm = _arm(data, recorded)
+    if best is None:
+        finding = _unexplained(result, data, arm, named.nouns)
+    else:
+        finding = _finding(result, best, others, arm, named.nouns)
     return result if finding is None else replace(result, findings=(finding,))
 
 
@@ -159,10 +164,13 @@ def _best_alternative(reviewed: Review, fitted: list[Alternative], arm: float):
     return best, sorted(others)
 
 
-def _finding(reviewed: Review, best: Alternative, others: Sequence[str], arm: float) -> Finding:
+def _finding(
+    reviewed: Review, best: Alternative, others: Sequence[str], arm: float, nouns: Nouns
+) -> Finding:
     near = _is_near(reviewed, best, arm)
     certain = near and best.recorded(reviewed) > max(arm, _CERTAIN * best.misfit)
-    return Finding(best.cause, _sentence(reviewed, best, others, near), certain, best.misfit)
+    sentence = _sentence(reviewed, best, others, near, nouns)
+    return Finding(best.cause, sentence, certain, best.misfit)
 
 
 def _is_near(reviewed, alternative: Alternative, arm: float) -> bool:
@@ -192,12 +200,12 @@ def _is_better(reviewed, alternative: Alternative, tried: int) -> bool:
     return bool(before > alternative.falls * after and gain > needed)
 
 
-def _sentence(reviewed, best: Alternative, others, near) -> str:
+def _sentence(reviewed, best: Alternative, others, near, nouns: Nouns) -> str:
     """State what happened, why it matters, what to do."""
     also = f" (explained as well: {'; '.join(others[:2])})" if others else ""
     rest = "" if near else "; a part of the error remains unexplained"
     return (
-        f"{best.seems}{also}: the board, which never moves, scatters by "
+        f"{best.seems}{also}: the {nouns.target}, which never moves, scatters by "
         f"{best.recorded(reviewed):.3g} mm as recorded and by {best.misfit:.2g} mm with "
         f"this corrected{_noise_words(reviewed, ' (', ')')}{rest}; {best.do}"
     )
@@ -210,21 +218,21 @@ def _noise_words(reviewed, before: str, after: str) -> str:
     return f"{before}the corner noise makes {reviewed.expected_mm:.2g} mm{after}"
 
 
-def _unexplained(reviewed: Review, data: PoseData, arm: float) -> Finding | None:
-    """Only say that the poses do not fit the images, where the error is more than any arm's."""
+def _unexplained(reviewed: Review, data: PoseData, arm: float, nouns: Nouns) -> Finding | None:
+    """Only say that the poses do not fit what was measured, where the error is more than any arm's."""
     if reviewed.trimmed_mm <= max(_UNEXPLAINED * arm, _NOISY * reviewed.expected_mm):
         return None
     disagreement = rotation_disagreement(data, reviewed.fit.labels)
     where = (
         f"flange and camera rotated by different angles between the same two poses, by "
         f"{disagreement:.1f} deg in the median: "
-        "check the order and the unit of the angles, and which pose belongs to which image"
+        f"check the order and the unit of the angles, and which pose belongs to which {nouns.sample}"
         if disagreement > 1
-        else "the rotations agree and the positions do not: check the position columns, the unit of lengths and the "
-        "board's square"
+        else "the rotations agree and the positions do not: check the position columns, the unit of lengths and "
+        f"{nouns.size}"
     )
     sentence = (
-        f"the flange poses do not fit the images: the board, which never moves, scatters by "
+        f"the flange poses do not fit the {nouns.measured}: the {nouns.target}, which never moves, scatters by "
         f"{reviewed.scatter_mm:.3g} mm{_noise_words(reviewed, ', where ', '')}; {where}"
     )
     impossible = disagreement > _IMPOSSIBLE_DEG or reviewed.trimmed_mm > _IMPOSSIBLE * arm

@@ -13,7 +13,7 @@ from sensors.hand_eye.checks.alternatives import Alternative
 from sensors.hand_eye.checks.corner_noise import CornerNoise
 from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
 from sensors.hand_eye.checks.mistakes import pose_readings
-from sensors.hand_eye.checks.outlier_message import outlier_sentence
+from sensors.hand_eye.checks.nouns import TARGET_POSES
 from sensors.hand_eye.checks.pose_data import PoseData
 from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, robust_starts
 from sensors.hand_eye.checks.review import Finding, Named, Review, review
@@ -21,30 +21,16 @@ from workbench.core.rigid import inverse, transform
 
 _UNKNOWN_NOISE = CornerNoise(0.0, 0, 0.0, 0.0, 0.0)
 _REFINED = 3
-_WORDS = (
-    ("check the pose and the image of these rows", "check both poses of these rows"),
-    ("the column sample of images.csv", "the order of the rows"),
-    ("do not fit the images", "do not fit the measured poses of the target"),
-    ("take the images again", "measure again"),
-    ("the squares of the board look", "the target looks"),
-    ("square_mm under [board]", "the size of the target in the program that measured it"),
-    ("the board's square", "the size of the target"),
-    ("the board", "the target"),
-    ("images", "rows"),
-    ("an image", "a row"),
-    ("image", "row"),
-)
-"""Words of the tests of images, and those of tables of poses."""
 
 
 def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: list[str]) -> Review:
     """Compare flange poses (P, 4, 4) with the poses of the target in `data`; names (P,) of the rows."""
-    named = Named(names, kind)
+    named = Named(names, kind, TARGET_POSES)
     found = review(
         data,
         _UNKNOWN_NOISE,
         named,
-        pose_readings(flange),
+        pose_readings(flange, TARGET_POSES),
         robust_starts(data),
         _target_alternatives,
     )
@@ -53,23 +39,7 @@ def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: li
     if rotated is not None and rotated.any():
         finding = Finding("half-turn", half_turn_sentence(rotated, names), True)
         return replace(found, findings=(finding,), outliers=())
-    findings = tuple(
-        replace(finding, sentence=_in_words_of_tables(finding.sentence))
-        for finding in found.findings
-    )
-    return replace(found, findings=findings)
-
-
-def target_outlier_sentence(found: Review, names: list[str]) -> str | None:
-    """A sentence on rows with gross errors; None where there are none."""
-    sentence = outlier_sentence(found, names)
-    return None if sentence is None else _in_words_of_tables(sentence)
-
-
-def _in_words_of_tables(sentence: str) -> str:
-    for of_images, of_tables in _WORDS:
-        sentence = sentence.replace(of_images, of_tables)
-    return sentence
+    return found
 
 
 def _target_alternatives(data: PoseData) -> list[Alternative]:

@@ -17,15 +17,16 @@ from workbench.core.rigid import rotation_matrix, rotation_vector
 _LARGEST = 0.5
 """Share of a motion from which on a pose is nearer to that of its neighbour, as with shifted rows."""
 _TOLERANCE = 1e-4
-_WORDS = ((1, "next", "recorded after"), (-1, "previous", "recorded before"))
+_NEIGHBOURS = ((1, "next", "recorded after"), (-1, "previous", "recorded before"))
 
 
-def lag_alternatives(data: PoseData, recorded: PoseFit, kind: str) -> Iterator[Alternative]:
+def lag_alternatives(data: PoseData, recorded: PoseFit, named) -> Iterator[Alternative]:
     """Poses that lie a share of the way to those of the next, or of the previous, image; the share is estimated."""
     from scipy.optimize import minimize_scalar
 
+    kind, nouns = named.kind, named.nouns
     flange = moved_of(data.moved, kind)  # its own inverse
-    for step, neighbour, moment in _WORDS:
+    for step, neighbour, moment in _NEIGHBOURS:
 
         def fit(share, step=step):
             return refit(_undone(data, flange, step, share, kind), recorded, Freedom())
@@ -39,9 +40,10 @@ def lag_alternatives(data: PoseData, recorded: PoseFit, kind: str) -> Iterator[A
         share = float(found.x)
         yield Alternative(
             "lag",
-            "poses and images look taken at different moments: each recorded pose lies "
-            f"{100 * share:.1f} % of the motion on the way to the {neighbour} pose, as if it was {moment} the image",
-            "record pose and image while the arm stands still, or correct the delay between them",
+            f"poses and {nouns.measured} look taken at different moments: each recorded pose lies "
+            f"{100 * share:.1f} % of the motion on the way to the {neighbour} pose, as if it was {moment} "
+            f"the {nouns.moment}",
+            f"record pose and {nouns.moment} while the arm stands still, or correct the delay between them",
             fit(share).trimmed_rms,
             1,
             1,

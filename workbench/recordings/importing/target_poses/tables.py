@@ -9,11 +9,10 @@ from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.source import RawTable
 from datasets.recording import Recording
 from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
+from sensors.hand_eye.checks.nouns import TARGET_POSES
+from sensors.hand_eye.checks.outlier_message import outlier_sentence
 from sensors.hand_eye.checks.review import UNEXPLAINED, rotation_disagreement
-from sensors.hand_eye.checks.target_review import (
-    review_target_poses,
-    target_outlier_sentence,
-)
+from sensors.hand_eye.checks.target_review import review_target_poses
 from sensors.hand_eye.motion import motion
 from workbench.core.errors import InputError
 from workbench.recordings.importing.board_images.pose_readings import pose_columns
@@ -114,7 +113,7 @@ def _doubts(rows: RawTable, reading: TargetReading):
         yield from (f"The flange poses do not determine everything: {gap}." for gap in gaps)
         return
     review = _review(reading)
-    wrong = target_outlier_sentence(review, list(poses.names))
+    wrong = outlier_sentence(review, list(poses.names), TARGET_POSES)
     if wrong is not None:
         yield f"{rows.file}: {wrong}."
     yield from (f"{rows.file}: {sentence}." for sentence in review.sentences)
