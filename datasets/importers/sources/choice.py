@@ -12,7 +12,7 @@ from datasets.errors import InputError, complaint
 from datasets.importers.source import ImageFile, Source
 from datasets.importers.sources import arrays, clouds, ros_bags, storage
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
-from datasets.importers.sources.programs import robot_programs, urscript, yaskawa_jobs
+from datasets.importers.sources.programs import joint_lists, robot_programs, yaskawa_jobs
 from datasets.importers.sources.tables import axis_reports, excel, text_tables
 from datasets.importers.sources.tables.reshaped import one_row_per_sample
 from datasets.importers.sources.tables.summary_rows import without_summary_rows
@@ -38,7 +38,7 @@ _UNREADABLE = {
 _OFTEN_TEXT = {".xls"}
 _IN_FOLDERS = (
     *(*IMAGES, *(_TEXT - {""}), *_PROGRAMS, *_EXCEL, *(_ARRAYS - {".npy"}), ".gz"),
-    *(*storage.EXTENSIONS, *urscript.EXTENSIONS, *yaskawa_jobs.EXTENSIONS, *clouds.EXTENSIONS),
+    *(*storage.EXTENSIONS, *joint_lists.EXTENSIONS, *yaskawa_jobs.EXTENSIONS, *clouds.EXTENSIONS),
 )
 """Extensions of the files that are read in a folder."""
 _OURS = {"recording.toml", "import.toml"}
@@ -94,13 +94,13 @@ def _read_file(path: Path, scratch: Path) -> Source:
         return storage.read_storage(path)
     if suffix in clouds.EXTENSIONS or clouds.is_text_cloud(path):
         return Source(clouds=(path,))
-    if suffix in urscript.EXTENSIONS:
-        return Source(tables=tuple(urscript.read_urscript(path)))
     if suffix in yaskawa_jobs.EXTENSIONS:
         return Source(tables=tuple(yaskawa_jobs.read_job(path)))
-    if suffix in _PROGRAMS | _TEXT:
+    if suffix in _PROGRAMS | _TEXT | joint_lists.EXTENSIONS:
         if robot_programs.is_robot_program(path):
             return Source(tables=tuple(robot_programs.read_robot_program(path)))
+        if joint_lists.has_joint_lists(path):
+            return Source(tables=tuple(joint_lists.read_joint_lists(path)))
         if axis_reports.is_axis_report(path):
             return Source(tables=tuple(axis_reports.read_axis_report(path)))
         return Source(tables=(without_summary_rows(text_tables.read_text_table(path)),))
