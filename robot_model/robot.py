@@ -33,7 +33,8 @@ class Robot:
     limits: np.ndarray
     """(R, 2) lowest and highest reading, rad or mm, nan where unknown."""
     gear_ratio: np.ndarray
-    """(J,) nan where unknown."""
+    """(J,) revolutions of the motor per revolution of the joint; of a prismatic joint per mm, those of its screw. nan
+    where unknown."""
     gravity: np.ndarray
     """(3,) unit vector in the root frame, which for every arm but a URDF's is the base frame."""
     mass: np.ndarray

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from robot_model.effects import CATALOGUE
-from scenes import ABB, model_of, scene
+from scenes import ABB, SLIDING, model_of, scene
 from workbench.core.model import STATE_PORTS
 
 # the robot's, sensor's and data rows of spec/effects.md
@@ -50,8 +50,15 @@ VOCABULARY = {
 
 
 # Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
-# that an accelerometer has recorded, readings taken while the arm still brakes.
-ADDITIONS = {"first-moment", "bearing-compliance", "zero-offset", "measured-tilt", "reading-lag"}
+# that an accelerometer has recorded, readings taken while the arm still brakes, screws and racks.
+ADDITIONS = {
+    "first-moment",
+    "bearing-compliance",
+    "zero-offset",
+    "measured-tilt",
+    "reading-lag",
+    "cyclic-lead-error",
+}
 
 
 # Of the scanner: laws of recorded time, mirror speed and any other column, lines of a board, and the line's profile.
@@ -135,6 +142,7 @@ CASES = (
     ),
     ("transmission-harmonic", "joint-2", {"order": 1}),
     ("transmission-harmonic", "joint-5", {"order": 80}),
+    ("cyclic-lead-error", "joint-2", {"period": 16.0}),
     ("zero-offset", "joint-3", {}),
     ("backlash", "joint-3", {}),
     ("backlash", "joint-3", {"seat": "gravity"}),
@@ -225,9 +233,13 @@ MISSING = {
 }
 
 
+OF_SLIDES = ("cyclic-lead-error",)
+"""Effects of prismatic joints, which are tested at an arm that has some."""
+
+
 def with_effect(case, measures="external-point", arm=ABB, n=40):
     """The model with the case's effect first, and behind it what lets it be seen."""
-    made = scene(measures, n=n, arm=arm, seed=3)
+    made = scene(measures, n=n, arm=SLIDING if case[0] in OF_SLIDES else arm, seed=3)
     needed = (
         [soft for soft in SOFT if soft[:2] != case[:2]]
         if CATALOGUE[case[0]].port in STATE_PORTS

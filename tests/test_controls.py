@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from effect_cases import EVERY
+from effect_cases import EVERY, OF_SLIDES
 from robot_model.effects import CATALOGUE
 from scenes import BALLS, CRAIG, SLIDING, scene
 from test_diagnosis_engine import recorded
@@ -39,7 +39,7 @@ def test_every_effect_has_controls(case):
     """One column a parameter, also where a law is not linear and where its basis is wider than its parameters."""
     (effect,) = make_effects(CATALOGUE, [case])
     places = "ball-centre" if effect.port in ("sensor", "target") else "external-point"
-    bench = bench_with_noise(places)
+    bench = bench_with_noise(places, arm=SLIDING if case[0] in OF_SLIDES else None)
     made = controls(bench, (), (effect,))
     assert is_complete(made)
     is_constant = effect.effect == "zero-offset"

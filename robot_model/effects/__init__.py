@@ -8,6 +8,7 @@ from robot_model.effects import (
     estimated_masses,
     friction,
     instrument,
+    lead_error,
     load,
     nonparametric,
     sensed,
@@ -20,6 +21,7 @@ from robot_model.effects import (
 CATALOGUE = {
     "transmission-harmonic": transmission.TransmissionHarmonic,
     "joint-curve": curve.JointCurve,
+    "cyclic-lead-error": lead_error.CyclicLeadError,
     "zero-offset": transmission.ConstantTerm,
     "axis-run-out": drift.AxisRunOut,
     "joint-coupling": coupling.JointCoupling,

@@ -42,7 +42,7 @@ def _robot(file: RobotFile) -> Robot:
         mixing=_mixing(joints),
         coupling=_coupling(joints),
         limits=np.array([j.limits for j in joints]),
-        gear_ratio=np.array([np.nan if j.gear_ratio is None else j.gear_ratio for j in joints]),
+        gear_ratio=np.array([j.revolutions for j in joints], float),
         gravity=np.array(file.gravity) / np.linalg.norm(file.gravity),
         mass=np.array([j.mass_kg or 0.0 for j in joints]),
         com=np.array([j.com_mm or [0.0, 0.0, 0.0] for j in joints]),

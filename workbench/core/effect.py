@@ -50,15 +50,15 @@ class Variant:
 class Grid:
     """Variants of an effect at one place that differ in one `option`, over a fine grid of its values.
 
-    `shape` "step": 0 up to `value` of the `covariate` and 1 beyond it; "wave": cosine and sine of
-    `value` times the covariate. Each of the k components of the effect has its own amplitude. `values`
-    (V,) ascending; `prior_weights` (V,) prior weight of each, relative to the others; `typical`: prior
-    size of the amplitudes, one or (k,), in the units of the components; `label`: format string of a
-    variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a component is multiplied by
-    at each sample, where it is not 1 (a lever arm), or (r, k, n): r amplitudes with shares in all
-    components; `port_indices` (k): the component of each amplitude, where several act on one component with factors of
-    their own. `centred`: the evidence is that of a step less its mean. Another law has the
-    factor all the time (deflection under gravity), and a step near the start must not stand in for it.
+    `shape` "step": 0 up to `value` of the `covariate` and 1 beyond it; "wave": cosine and sine of `value` times the
+    covariate; "period": those of 2 pi times the covariate over `value`. Each of the k components of the effect has
+    its own amplitude. `values` (V,) ascending; `prior_weights` (V,) prior weight of each, relative to the others;
+    `typical`: prior size of the amplitudes, one or (k,), in the units of the components; `label`: format string of
+    a variant's label ("order {:g}"); `factor` (k, n): what the amplitude of a component is multiplied by at each
+    sample, where it is not 1 (a lever arm), or (r, k, n): r amplitudes with shares in all components;
+    `port_indices` (k): the component of each amplitude, where several act on one component with factors of their
+    own. `centred`: the evidence is that of a step less its mean. Another law has the factor all the time
+    (deflection under gravity), and a step near the start must not stand in for it.
     """
 
     effect: type["Effect"]

@@ -151,7 +151,7 @@ class FinalModel:
             before[:3],
             after[:3],
             points,
-            _plain(self.before),
+            _with_units_of_slides(_plain(self.before), chain),
             places,
             self.bench.recording.sample_ids,
             self._links(),
@@ -197,6 +197,13 @@ def _plain(problem) -> dict:
         if np.ptp(x) > 0 and not any(np.array_equal(x, other) for other in out.values()):
             out[name] = x
     return out
+
+
+def _with_units_of_slides(covariates: dict, chain) -> dict:
+    """Covariates by name, in which positions and moves of prismatic joints carry their unit: "q1_mm"."""
+    slides = [k for k in range(1, chain.robot.joints + 1) if chain.slides(k)]
+    renamed = {f"{kind}{k}": f"{kind}{k}_mm" for kind in ("q", "move") for k in slides}
+    return {renamed.get(name, name): x for name, x in covariates.items()}
 
 
 def _rank(problem) -> int:

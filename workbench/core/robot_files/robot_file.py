@@ -48,6 +48,7 @@ class Joint(Section):
     sign: Literal[-1, 1] = 1
     coupled: Coupled | None = None
     gear_ratio: Finite | None = None
+    pitch_mm: Annotated[Finite, Field(gt=0)] | None = None
     mass_kg: Annotated[Finite, Field(ge=0)] | None = None
     com_mm: Vector | None = None
 
@@ -55,6 +56,13 @@ class Joint(Section):
     def unit(self) -> float:
         """Return one unit of the joint's column in units of the model: rad per degree, or mm per mm."""
         return 1.0 if self.kind == "prismatic" else np.pi / 180
+
+    @property
+    def revolutions(self) -> float:
+        """Return revolutions of the motor per revolution of the joint, or of the screw per mm; nan if not stated."""
+        if self.kind == "prismatic":
+            return np.nan if self.pitch_mm is None else 1 / self.pitch_mm
+        return np.nan if self.gear_ratio is None else self.gear_ratio
 
     @property
     def limits(self) -> list[float]:
@@ -227,6 +235,13 @@ def _check_rest(file: RobotFile, where: str) -> None:
                 "another number",
                 0,
                 "correct it or leave it out",
+            )
+        if joint.pitch_mm is not None and joint.kind != "prismatic":
+            raise complaint(
+                f"{where}: joint {k}, key pitch_mm",
+                'kind = "prismatic"',
+                f'kind = "{joint.kind}"',
+                "correct the kind or leave the pitch out",
             )
         if joint.mass_kg and joint.com_mm is None:
             raise complaint(

@@ -58,7 +58,8 @@ class Candidate:
 class Scan:
     """A family of candidates with one option on a fine grid, never held as columns all at once.
 
-    `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x).
+    `kind` "step": columns rows * (x > option); "wave": rows * cos(option x), rows * sin(option x); "period": those of
+    2 pi x / option.
     `rows` (k, N): whitened derivatives of the components that move together (k = 1 at a joint). `x` (n,): covariate.
     `options` (V,): ascending; `prior_weight` (V,) of each, relative to the others. `typical` (k,): prior size of an
     amplitude in the port's unit. `make` gives the effects for an option. `word`: format string of the labels
@@ -98,8 +99,23 @@ class Scan:
         if self.kind == "step":
             waves = step_function(self.x, value, self.centred)
         else:
-            waves = np.stack([np.cos(value * self.x), np.sin(value * self.x)])
+            waves = self.waves(np.array([value]))[0]
         return _function_columns(self, waves, problem)
+
+    def waves(self, options: np.ndarray) -> np.ndarray:
+        """(V, 2, n) cosines and sines for values (V,) of the option."""
+        rates = 2 * np.pi / options if self.kind == "period" else options
+        phase = rates[:, None] * self.x
+        return np.stack([np.cos(phase), np.sin(phase)], 1)
+
+    def cycles(self, value: float) -> float:
+        """Cycles over the range of the covariate of a wave with one value of the option; 0 of a step."""
+        if self.kind == "step":
+            return 0.0
+        phase = (
+            value * np.ptp(self.x) if self.kind == "wave" else 2 * np.pi * np.ptp(self.x) / value
+        )
+        return float(phase / (2 * np.pi))
 
     def with_exact_option(self, value: float) -> "Scan":
         """The family of one value, which has the prior weight of the nearest one."""

@@ -419,8 +419,7 @@ def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:
     """(C, 2, n) cosines and sines of a chunk of a scan's options."""
 
     def make():
-        phase = scan.options[chunk, None] * scan.x
-        return np.stack([np.cos(phase), np.sin(phase)], 1)
+        return scan.waves(scan.options[chunk])
 
     is_small = scan.options.size * problem.n <= CHUNK_SIZE and not scan.is_exact
     cache = problem.function_cache if is_small else {}

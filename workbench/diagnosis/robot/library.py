@@ -83,7 +83,7 @@ def scan_of(grid: Grid, rows: np.ndarray, covariate: np.ndarray) -> Scan:
 
     kind = grid.effect
     family = Variant(grid.make(grid.values[0])).family
-    is_real = grid.shape == "wave" and grid.values.dtype.kind == "f"
+    is_real = grid.shape != "step" and grid.values.dtype.kind == "f"
     return Scan(
         kind.effect,
         grid.where,

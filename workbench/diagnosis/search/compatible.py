@@ -77,5 +77,4 @@ def _represents_law(function: Hypothesis, law: Hypothesis) -> bool:
 
 def _is_too_fast(law: Hypothesis) -> bool:
     """Whether a wave has more cycles in these poses than the sharpest smooth function can follow."""
-    is_wave = law.effect == _WAVE and isinstance(law.source, Scan)
-    return is_wave and law.value * np.ptp(law.source.x) / 2 > SHARP_DEGREE
+    return isinstance(law.source, Scan) and np.pi * law.source.cycles(law.value) > SHARP_DEGREE

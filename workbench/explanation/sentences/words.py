@@ -25,7 +25,7 @@ _PLACES = {
 _KINDS = {
     "approach": "the side from which {} came",
     "tau": "the gravity torque on {}",
-    "q": "the angle of {}",
+    "q": "the position of {}",
     "qdot": "the speed of {}",
     "move": "the last move of {}",
     "temperature": "the temperature of {}",

@@ -111,7 +111,7 @@ def over_covariates(plot: Diagnosis) -> go.Figure:
 
 
 def _is_joint(name: str) -> bool:
-    return name[:1] == "q" and name[1:].isdigit()
+    return name[:1] == "q" and name[1:].removesuffix("_mm").isdigit()
 
 
 def _line(drawn: go.Figure, plot: Diagnosis, step: Step, x, place) -> None:
