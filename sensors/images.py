@@ -168,7 +168,6 @@ def stacks(
     paths: Iterable[str | Path],
     frames: int = 16,
     called: Callable[[str | Path], str] = str,
-    channel: str = "grey",
 ) -> Iterator[np.ndarray]:
     """(F, H, W) arrays of at most `frames` images each, in order: never all of them in memory.
 
@@ -178,7 +177,7 @@ def stacks(
     shape = None
     depth = None
     for path in paths:
-        grey = read_grey(path, called(path), channel)
+        grey = read_grey(path, called(path))
         shape = shape or grey.shape
         depth = depth or grey.dtype
         if grey.dtype != depth:

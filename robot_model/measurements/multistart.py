@@ -20,7 +20,6 @@ from functools import cached_property, partial
 import numpy as np
 
 from workbench.core import deadline
-from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 from workbench.core.rigid import icosahedral_rotations, nearest_rotation, rotation_matrix
 
 TOOL_PRIOR_MM = 500.0
@@ -59,16 +58,11 @@ _MEDIAN_TO_SIGMA = 1.4826
 
 @dataclass(frozen=True)
 class Start:
-    """A local minimum: `rotations` (K, 3, 3), `translations` (F,) mm, and the sum of squares `cost`.
-
-    `curvature`: smallest eigenvalue of the whitened normal matrix of the rotations, relative to the largest;
-    0 where the samples leave a rotation undetermined.
-    """
+    """A local minimum: `rotations` (K, 3, 3), `translations` (F,) mm, and the sum of squares `cost`."""
 
     rotations: np.ndarray
     translations: np.ndarray
     cost: float
-    curvature: float
 
     def is_near(self, other: "Start") -> bool:
         """Whether another round moved neither the rotations nor the translations by what matters to a start."""
@@ -272,14 +266,10 @@ class _Reduced:
         return np.floor(cost / unit)
 
     def _starts(self, rotations: np.ndarray) -> list[Start]:
-        """Evaluate cost and curvature of each of S sets of rotations (S, K, 3, 3)."""
-        values = symmetric_eigenvalues(self._products(rotations)[:, :-1, :-1])
-        curvature = np.maximum(values[:, 0], 0.0) / np.maximum(values[:, -1], 1e-300)
+        """Translations and cost of each of S sets of rotations (S, K, 3, 3)."""
         cost = self.cost(rotations)
         return [
-            Start(
-                rotation_set, self.translations(rotation_set), float(cost[i]), float(curvature[i])
-            )
+            Start(rotation_set, self.translations(rotation_set), float(cost[i]))
             for i, rotation_set in enumerate(rotations)
         ]
 

@@ -14,26 +14,25 @@ class Match:
 
     `ball` (k,) int column of the artefact's centres, -1 for none; `rms` mm of the distances from the
     artefact's centres after a rigid fit; `others` further assignments (k,) that the distances allow as
-    well; `swapped` pairs of columns that stand in one another's place in what was expected.
+    well.
     """
 
     ball: np.ndarray
     rms: float
     others: tuple[np.ndarray, ...]
-    swapped: tuple[tuple[int, int], ...]
     outcome: str
 
     def __bool__(self) -> bool:
         return bool((self.ball >= 0).sum() >= 3 and not self.others)
 
 
-def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expected=None) -> Match:
+def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5) -> Match:
     """Match found centres (3, k) mm with the artefact's (3, m) by their distances from one another.
 
     `tolerance` mm by which a distance may differ (scale and noise of the scanner; well below the
-    differences between the artefact's own distances). `expected` (k,) column that each found ball
-    was thought to be. Assignments of the most balls that agree in all distances are compared by the residual of
-    their rigid fit, reflections excluded; those that an F test at 0.1 % cannot tell from the best are `others`.
+    differences between the artefact's own distances). Assignments of the most balls that agree in all distances are
+    compared by the residual of their rigid fit, reflections excluded; those that an F test at 0.1 % cannot distinguish
+    from the best are `others`.
     """
     found = np.asarray(found, float)
     artefact = np.asarray(artefact, float)
@@ -46,15 +45,12 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5, expec
         why = "the distances fit only a mirror image of the artefact; check the signs of the axes"
         if not assignments:
             why = "no two found balls are as far apart as two of the artefact; check its file and the units"
-        return Match(np.full(found.shape[1], -1), np.nan, (), (), why)
+        return Match(np.full(found.shape[1], -1), np.nan, (), why)
     best = fits[0][1]
     degrees = max(3 * int((fits[0][1] >= 0).sum()) - 6, 1)
     allowed = max(fits[0][0], 1e-9) * np.sqrt(f_distribution.isf(0.001, degrees, degrees))
     others = tuple(assignment for rms, assignment in fits[1:] if rms <= allowed)
-    swapped = () if expected is None else _swapped(best, np.asarray(expected))
-    return Match(
-        best, fits[0][0], others, swapped, _match_outcome(best, fits[0][0], others, swapped)
-    )
+    return Match(best, fits[0][0], others, _match_outcome(best, fits[0][0], others))
 
 
 def _apart(centres):
@@ -99,13 +95,7 @@ def _rigid_rms(found, artefact, ball):
     return float(np.sqrt(((detected - aligned) ** 2).sum(0).mean()))
 
 
-def _swapped(ball, expected):
-    """Pairs (a, b), a < b, where a was found in the place of b and b in that of a."""
-    pairs = {(int(a), int(b)) for a, b in zip(expected, ball) if b >= 0 and a != b}
-    return tuple(sorted((a, b) for a, b in pairs if a < b and (b, a) in pairs))
-
-
-def _match_outcome(ball, rms, others, swapped):
+def _match_outcome(ball, rms, others):
     count = int((ball >= 0).sum())
     distance = f"within {rms:.3g} mm"
     words = [f"{count} of {len(ball)} found balls belong to the artefact, {distance}"]
@@ -114,5 +104,4 @@ def _match_outcome(ball, rms, others, swapped):
             f"which is which is ambiguous: {len(others) + 1} assignments agree with the distances; "
             "scan more balls, or an artefact whose distances differ"
         )
-    words += [f"balls {a + 1} and {b + 1} are swapped" for a, b in swapped]
     return "; ".join(words)

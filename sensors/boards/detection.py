@@ -121,7 +121,6 @@ def _blur(fit, is_disc: bool) -> float:
 def detect_all(
     recording: "Recording",
     progress: Callable[[int, int, str], None] | None = None,
-    board: Board | None = None,
     said_in: str = "",
 ) -> Detection:
     """Every `board` image of a recording, one in memory at a time.
@@ -130,7 +129,7 @@ def detect_all(
     describes the board, for messages; recording.toml if empty.
     Raises InputError where an image cannot be read, or none shows the board.
     """
-    board = board or Board.of(_board_keys(recording))
+    board = Board.of(_board_keys(recording))
     rows = [row for row in recording.images if row["role"] == "board"]
     if not rows:
         raise InputError(

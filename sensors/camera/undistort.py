@@ -95,13 +95,14 @@ def _enough(camera, ideal):
     return float(np.sqrt(_EXACT / camera.fx / max(curvature, 1e-9)))
 
 
-def iterate(
-    camera, seen: np.ndarray, start: np.ndarray | None = None, steps: int = 30
-) -> np.ndarray:
+_STEPS = 30  # of Newton's method; four to six are usual
+
+
+def iterate(camera, seen: np.ndarray) -> np.ndarray:
     """(2, n) ideal points of distorted ones (2, n), by Newton's method to rounding; nan where there is none."""
-    flat = seen.copy() if start is None else np.where(np.isfinite(start), start, seen)
+    flat = seen.copy()
     with np.errstate(all="ignore"):
-        for _ in range(steps):
+        for _ in range(_STEPS):
             bent, slope, _ = camera.distort_rows(flat)
             step = _solved(slope, bent - seen)
             flat = flat - step

@@ -1,6 +1,6 @@
 """The mirror: one laser plane, deflected by a rotating face into all the light planes of a scan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,20 +90,18 @@ class Mirror:
         return np.concatenate([tilt[:, None] - share * normals, [share * reach]])
 
 
-def mirror_parameters(by_step: bool = False) -> Parameters:
+def mirror_parameters() -> Parameters:
     """Keys `mirror.<name>`, changes from a start mirror, all 0 there but the gain, which is 1 there.
 
     With the angles known seven are determined by light planes: the axis (4) and the beam's plane (3). The
     face's angle at zero is confounded with the beam's rotation about the axis where the face
     holds the axis, and hardly elsewhere; the face's distance from the axis makes what is left of
     cos(angle) after 1, cos(2 angle) and sin(2 angle): over a few degrees nearly nothing.
-    by_step: angles are numbers of steps, and the gain, rad a step, is unknown.
     """
     table = [
         Parameter(f"mirror.{name}", unit, 0.0, size, label) for name, unit, size, label in _TABLE
     ]
-    label = "the mirror's rotation a step, over that of the start" if by_step else table[GAIN].label
-    table[GAIN] = Parameter("mirror.gain", "1", 1.0, 0.01, label)
+    table[GAIN] = replace(table[GAIN], null=1.0)
     return Parameters.of(table)
 
 
@@ -183,12 +181,11 @@ class MovedMirror:
 
 
 _QUARTER = np.pi / 2  # rad
+_INCIDENCE = np.pi / 4  # rad, of the beam on the face in mid-sweep
 _BETTER = 0.5  # of the misfit: noise of planes alone does not decide
 
 
-def start_mirror(
-    planes: np.ndarray, commanded: np.ndarray, by_step: bool = False, incidence: float = np.pi / 4
-):
+def start_mirror(planes: np.ndarray, commanded: np.ndarray, by_step: bool = False):
     """A mirror that makes planes (4, S), S >= 3, at commanded angles (S,), face through the axis; and the gain.
 
     Axis: the direction that all normals hold one angle with. Two estimates, of which that with the smaller misfit to
@@ -196,14 +193,14 @@ def start_mirror(
     the direction of their noise, since normals leave the straight course by the square of the sweep only; there, the
     direction across both the mean normal and the course is near, because a fan of light holds the axis. Turn about
     it: twice the angle. Place: b_i = c - n_i.a, linear in a and c. The face's rotation at angle zero is not seen; it is
-    set so that the light plane meets the face at `incidence` (rad) in mid-sweep. Gain: rotation of the mirror per
+    set so that the light plane meets the face at 45 deg in mid-sweep. Gain: rotation of the mirror per
     commanded one; its sign is that of the axis.
     """
     normals = planes[:3]
     directions = np.linalg.svd(normals - normals.mean(1)[:, None])[0]
     across = np.cross(normals.mean(1), directions[:, 0])
     found = [
-        _about(axis, planes, commanded, by_step, incidence)
+        _about(axis, planes, commanded, by_step)
         for axis in (directions[:, 2], across / np.linalg.norm(across))
     ]
     scale = float(np.median(np.abs(planes[3])))
@@ -243,7 +240,7 @@ def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:
     return float(np.sqrt((((mirror_planes - planes) * weight) ** 2).sum(0).mean()))
 
 
-def _about(axis, planes, commanded, by_step: bool, incidence: float):
+def _about(axis, planes, commanded, by_step: bool):
     """The mirror that turns about this axis (3,), and its gain, as of `start_mirror`."""
     normals = planes[:3]
     middle = normals.mean(1) - (axis @ normals.mean(1)) * axis
@@ -258,8 +255,8 @@ def _about(axis, planes, commanded, by_step: bool, incidence: float):
     x, y, distance = np.linalg.lstsq(shape, planes[3], rcond=None)[0]
     point = x * first + y * second
     scale = gain if by_step else 1.0
-    face_angle = at_zero + incidence + scale * commanded.mean() - np.pi
-    beam_angle = face_angle + scale * commanded.mean() + incidence
+    face_angle = at_zero + _INCIDENCE + scale * commanded.mean() - np.pi
+    beam_angle = face_angle + scale * commanded.mean() + _INCIDENCE
     mirror = _assemble(
         axis, first, second, point, face_angle, beam_angle, axis @ normals.mean(1), distance
     )

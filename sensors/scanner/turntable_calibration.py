@@ -26,13 +26,12 @@ _SPAN = np.deg2rad(300)  # of the angles, above which the table makes about a fu
 
 @dataclass(frozen=True)
 class Term:
-    """A tested part of the angle law: `name`, order (0: scale), (cosine, sine) rad or (scale, 0), F and p of its test,
+    """A tested part of the angle law: `name`, order (0: scale), (cosine, sine) rad or (scale, 0), p of its F-test,
     and whether it is `retained`."""
 
     name: str
     order: int
     values: tuple[float, float]
-    statistic: float
     probability: float
     retained: bool
 
@@ -288,7 +287,7 @@ def _test(commanded, angle_change, chosen, order) -> Term | None:
         name = f"{size:.4f} deg, {order} cycle{'s' * (order > 1)} per revolution"
         values = (float(solution[0]), float(solution[1]))
     retained = probability < _SIGNIFICANT
-    return Term(name, order, values, float(statistic), probability, retained)
+    return Term(name, order, values, probability, retained)
 
 
 def _squares(design, values) -> float:

@@ -166,7 +166,6 @@ def verdict_of(
     terms,
     first_p: float,
     left: bool = False,
-    level: float = UNMODELLED_LEVEL,
     is_placed: bool = True,
 ) -> str:
     """The word of the contract.
@@ -180,7 +179,7 @@ def verdict_of(
     structure = [term for term in terms if term.finding.where != NOISE]
     if any(term.finding.effect == "unknown" for term in terms):
         return UNEXPLAINED
-    if not structure and first_p < level and is_placed:
+    if not structure and first_p < UNMODELLED_LEVEL and is_placed:
         return UNEXPLAINED
     if terms and left:
         return UNEXPLAINED
@@ -189,16 +188,13 @@ def verdict_of(
     return EXPLAINED if all(term.is_certain for term in terms) else AMBIGUOUS
 
 
-def has_unexplained_structure(
-    proof: Proof, p_remainder: float, is_above: bool = False, level: float = UNMODELLED_LEVEL
-) -> bool:
+def has_unexplained_structure(proof: Proof, p_remainder: float, is_above: bool = False) -> bool:
     """Whether structure is left, and the remainder is above the noise or more than a third of what there was.
 
     is_above: whether the residual of the final model is significantly above the noise. Where it is not, or no noise is
-    known, more than a third of what the held-out error had unexplained (`Proof.unexplained`) counts. level: chance of
-    structure by chance, the same as where nothing was found.
+    known, more than a third of what the held-out error had unexplained (`Proof.unexplained`) counts.
     """
-    if p_remainder >= level:
+    if p_remainder >= UNMODELLED_LEVEL:
         return False
     before, after = proof.unexplained
     return is_above or after > _REST * before

@@ -56,7 +56,7 @@ def run(
     protocol.check(exam, seals)
 
 
-def diagnose(folder: Path, name: str, baseline: str, until: float = float("inf")) -> None:
+def diagnose(folder: Path, name: str, baseline: str, until: float) -> None:
     """Diagnose one case in a process that has read no truth, unless the time `until` has passed."""
     if time.time() < until:
         _warm()

@@ -14,7 +14,6 @@ from sensors.hand_eye.checks.pose_fit import fit_poses, possible_labels
 from workbench.core.rigid import inverse, rotation_vector
 
 _MOST = 60
-_ANCHORS = 3
 _TRIED = 6
 _ROUNDS = 6
 # An image keeps its pose unless another fits it this many times better.

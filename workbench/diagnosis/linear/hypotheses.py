@@ -86,14 +86,12 @@ class Hypothesis:
         return None if source is None else replace(self, source=source)
 
 
-def ranked_hypotheses(
-    problem: Problem, projected: Projected | None = None, required: Sequence = ()
-) -> list[Hypothesis]:
-    """Every hypothesis that the effects in the model leave room for, judged; likeliest first.
+def ranked_hypotheses(problem: Problem, required: Sequence = ()) -> list[Hypothesis]:
+    """Every hypothesis that the effects in the model leave room for, judged; the most probable first.
 
-    wanted: (family, label) of options of scans that must be among them, however unlikely.
+    required: (family, label) of options of scans that must be among them, however unlikely.
     """
-    projected = projected or Projected(problem)
+    projected = Projected(problem)
     required = set(required)
     named = [*_of_candidates((*problem.candidates, *problem.with_masses), projected)]
     periods = []

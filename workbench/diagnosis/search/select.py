@@ -53,16 +53,15 @@ def find(
     bench: Bench,
     samples: np.ndarray | None = None,
     *,
-    level: float = UNMODELLED_LEVEL,
     progress: Callable[[str], None] = lambda text: None,
     first: Callable[[Sequence[Hypothesis]], None] = lambda terms: None,
 ) -> Found:
     """Unmodelled effects of the baseline of a bench, on `samples` (n,) bool (None: all).
 
-    level: chance of a false alarm on the whole search. first: called with the first set of terms, long before the
+    first: called with the first set of terms, long before the
     search ends. Raises what the bench's solve raises.
     """
-    search = Search(bench, samples, level, progress, first=first)
+    search = Search(bench, samples, UNMODELLED_LEVEL, progress, first=first)
     count = len(bench.pose) if samples is None else int(samples.sum())
     if count > _MANY and not bench.needs_all_samples:
         return _search_on_subset(search, samples)

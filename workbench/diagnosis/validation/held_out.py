@@ -344,12 +344,9 @@ def name_of(effect: Effect) -> str:
     return f"{type(effect).__qualname__} {effect.effect} {effect.where} {effect.options}"
 
 
-def left_out(problem: Problem, fold: np.ndarray, only: int | None = None) -> np.ndarray:
-    """(n,) length of each sample's position residual (mm, px) when its block is left out of the linearised fit.
-
-    fold (n,) int; only: the one block that is asked for; nan elsewhere then.
-    """
-    return _lengths_of(problem, left_out_rows(problem, fold, only))[0]
+def left_out(problem: Problem, fold: np.ndarray) -> np.ndarray:
+    """(n,) length of each sample's position residual (mm, px) when its block of `fold` (n,) int is left out."""
+    return _lengths_of(problem, left_out_rows(problem, fold))[0]
 
 
 def nested_components(

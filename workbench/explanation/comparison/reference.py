@@ -30,7 +30,6 @@ from workbench.fitting.cross_validation import in_space
 from workbench.jobs.robot.simulate import truth_of
 
 _LENGTH_MM = 1.0
-_TURN_RAD = 0.01
 
 
 @dataclass(frozen=True)

@@ -66,9 +66,9 @@ class CandidateRecording:
         return np.stack([self.recording.columns[c][rows] for c in columns], 1)
 
 
-def list_candidates(bench, seed: int = 0) -> list[CandidateRecording]:
+def list_candidates(bench) -> list[CandidateRecording]:
     """Every kind that makes sense for this arm and recording."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     recording = bench.recording
     poses = np.unique(bench.pose)
     pool = rng.choice(poses, min(POOL, len(poses)), replace=False)

@@ -274,11 +274,11 @@ def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.F
     return plot
 
 
-def spread(residual: np.ndarray, unit: str = "px", of: str = "points") -> go.Figure:
+def spread(residual: np.ndarray, unit: str = "px") -> go.Figure:
     """Histogram of residuals within 5 robust sigmas, and the normal curve of their RMS."""
     sigma = _rms(residual)
     counts, edges = np.histogram(residual, bins=np.linspace(-5, 5, 81) * sigma)
-    plot = style.figure(330, f"residual ({unit})", of)
+    plot = style.figure(330, f"residual ({unit})", "points")
     middle = (edges[1:] + edges[:-1]) / 2
     plot.add_bar(
         x=middle,

@@ -18,16 +18,16 @@ from workbench.studies.variation import values_of, with_values
 _POSES = 1200
 
 
-def blocks(study: Study, folder: Path, run: int = 1):
+def blocks(study: Study, folder: Path):
     """Maps of the error over the workspace under the last load: uncalibrated, or nominal and each model.
 
     Writes the volume of the first model into the folder, as an image and a file for ParaView.
     """
-    run_study = with_values(study, values_of(study, run))
+    run_study = with_values(study, values_of(study, 1))
     more = run_study.test.model_copy(update={"samples": _POSES})
     changed = run_study.model_copy(update={"test": more, "tasks": None})
     try:
-        world = robots.world(changed, seed_of(study, run))
+        world = robots.world(changed, seed_of(study, 1))
         calibrated = "calibrate" in run_study.do
         calibrations = robots.calibrations(run_study, world.measured) if calibrated else {}
     except InputError:
@@ -38,7 +38,7 @@ def blocks(study: Study, folder: Path, run: int = 1):
     places = _places(robot, test)
     load = name.removeprefix("test").strip("_").replace("_", ", ") or "the scene's loads"
     yield words(
-        f"Run {run}, repeated at {_POSES:,} further poses under {load}: flange position of each pose in the "
+        f"Run 1, repeated at {_POSES:,} further poses under {load}: flange position of each pose in the "
         "robot's root frame, coloured by the error. Each map has its own colour scale."
     )
     first, error = errors[min(1, len(errors) - 1)]

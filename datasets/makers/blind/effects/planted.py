@@ -60,7 +60,6 @@ class Sized:
 
 
 _LEAST_SHARE = 2e-3
-_ENLARGED = 1.5
 
 
 def sized(
