@@ -10,6 +10,7 @@ from robot_model.measurements.closure import (
     add_delta,
     flange_matrices,
     kronecker_rows,
+    numbered,
     position_sigma,
 )
 from robot_model.measurements.multistart import (
@@ -37,11 +38,9 @@ class BallCentre:
     @classmethod
     def of(cls, recording) -> "BallCentre":
         """From a recording with an artefact."""
-        ids, index = np.unique(recording.ball, return_inverse=True)
+        ids, index = numbered(recording.ball)
         centres = np.array([recording.balls[int(i)][:3] for i in ids])
-        return cls(
-            np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids), centres
-        )
+        return cls(np.ascontiguousarray(recording.points.T), index, ids, centres)
 
     def parameters(self) -> list[Parameter]:
         """Hand-eye transform T_flange_sensor."""

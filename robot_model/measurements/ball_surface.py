@@ -6,7 +6,7 @@ import numpy as np
 
 from robot_model.chain import Frames, cross
 from robot_model.measurements.ball_centre import BallCentre
-from robot_model.measurements.closure import Closure, position_sigma
+from robot_model.measurements.closure import Closure, add_delta, numbered, position_sigma
 from robot_model.poses import pose_parameters
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -33,12 +33,12 @@ class BallSurface:
     @classmethod
     def of(cls, recording) -> "BallSurface":
         """From a recording with an artefact."""
-        ids, index = np.unique(recording.ball, return_inverse=True)
+        ids, index = numbered(recording.ball)
         balls = np.array([recording.balls[int(i)] for i in ids])
         return cls(
             np.ascontiguousarray(recording.points.T),
             index,
-            tuple(int(i) for i in ids),
+            ids,
             balls,
             recording.poses,
         )
@@ -74,9 +74,10 @@ class BallSurface:
         seen = self.measured
         centre = self.balls[self.index, :3].T
         if "sensor" in deltas:  # what was measured is the true point and the sensor's error
-            seen = _moved(seen, deltas["sensor"], -1)
+            port_indices, change = deltas["sensor"]
+            seen = add_delta(seen, (port_indices, -change))
         if "target" in deltas:
-            centre = _moved(centre, deltas["target"], 1)
+            centre = add_delta(centre, deltas["target"])
         arm = rotation @ seen
         point = frames.point(arm + values[:3, None])
         out = point - centre
@@ -126,14 +127,6 @@ class BallSurface:
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """A distance from a surface moves no coordinate by itself: the measured point as it was."""
         return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured))
-
-
-def _moved(points, delta, sign):
-    """(3, n) points with sign times the (components, change) of a port."""
-    port_indices, change = delta
-    points = points.copy()
-    points[port_indices] += sign * change
-    return points
 
 
 def _centre(points, radius):

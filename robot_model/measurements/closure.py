@@ -1,11 +1,12 @@
-"""Result of every kind of measurement, and the closed-form start that two of them share."""
+"""Result of every kind of measurement, and what several kinds share: ports, noise, features that a tool touches."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workbench.core.least_squares.linear_algebra import least_squares
+from workbench.core.parameters import Parameter
 from workbench.core.rigid import nearest_rotation
 
 SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm")
@@ -53,6 +54,69 @@ def add_delta(points: np.ndarray, delta: tuple[np.ndarray, np.ndarray]) -> np.nd
     )
     moved[port_indices] += change
     return moved
+
+
+def moved_target(
+    point: np.ndarray, axes: np.ndarray, deltas: Mapping[str, tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """World points (3, n) mm moved by the port `target`, in components along the axes (3, 3, n) of the flange."""
+    if "target" not in deltas:
+        return point
+    port_indices, change = deltas["target"]
+    return point + sum(axes[s] * c for s, c in zip(port_indices, change))
+
+
+def numbered(column: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """The different numbers of a column, ascending, and which of them (n,) each sample has."""
+    ids, index = np.unique(column, return_inverse=True)
+    return tuple(int(i) for i in ids), index
+
+
+def tip_parameters() -> list[Parameter]:
+    """Three coordinates of a tip on the flange, mm."""
+    return [
+        Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange")
+        for axis in "xyz"
+    ]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """n contacts of a tool with features that nobody measures; `index` (n,) which of the features `ids` each is of.
+
+    `equations`: components of the gap that a contact leaves. The kind's first three values are the tool's place (mm).
+    """
+
+    index: np.ndarray
+    ids: tuple[int, ...]
+    place = "tool"
+    grounded = True
+    equations = 3
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(equations, n) mm: a contact leaves no gap."""
+        return np.zeros((self.equations, len(self.index)))
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(n,) number of the feature of each contact, as in the file."""
+        return np.asarray(self.ids)[self.index]
+
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """(3, n) place of the tool on the flange, mm."""
+        return np.repeat(values[:3, None], len(self.index), 1)
+
+    def sigma(self, recording) -> np.ndarray:
+        """(equations, n) mm: how well the tool is driven to the feature; 1 where the recording does not say."""
+        return position_sigma(recording)[: self.equations]
+
+    def at(self, samples: np.ndarray) -> "Contact":
+        return replace(self, index=self.index[samples])
+
+    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
+        """A contact has no measured coordinate to write; its joint readings are the measurement."""
+        return {}
 
 
 def kronecker_rows(vectors: np.ndarray) -> np.ndarray:

@@ -11,7 +11,14 @@ import numpy as np
 
 from datasets.recording import OTHER
 from robot_model.chain import Frames
-from robot_model.measurements.closure import Closure, flange_matrices, position_sigma
+from robot_model.measurements.closure import (
+    Closure,
+    add_delta,
+    flange_matrices,
+    moved_target,
+    numbered,
+    position_sigma,
+)
 from robot_model.measurements.external_point import ExternalPoint
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
@@ -75,8 +82,8 @@ class Distance:
     def of(cls, recording) -> "Distance":
         """From a recording that is `paired`."""
         reflectors = np.concatenate([recording.reflector, second_ends(recording).reflector])
-        ids, index = np.unique(reflectors, return_inverse=True)
-        return cls(recording.columns["length_mm"], index, tuple(int(i) for i in ids))
+        ids, index = numbered(reflectors)
+        return cls(recording.columns["length_mm"], index, ids)
 
     def parameters(self) -> list[Parameter]:
         """Three coordinates a reflector, flange frame, mm."""
@@ -107,14 +114,9 @@ class Distance:
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, 2 N): half of predicted minus measured length at either end, mm, which add up to the whole."""
         axes = np.stack(frames.end)
-        point = frames.point(self.targets(values))
-        if "target" in deltas:
-            port_indices, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
+        point = moved_target(frames.point(self.targets(values)), axes, deltas)
         if "sensor" in deltas:
-            port_indices, change = deltas["sensor"]
-            point = point.copy()
-            point[port_indices] += change
+            point = add_delta(point, deltas["sensor"])
         between = np.diff(point.reshape(3, 2, -1), axis=1)[:, 0]
         far = np.sqrt((between**2).sum(0))
         along = between / np.maximum(far, 1e-12)

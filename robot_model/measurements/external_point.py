@@ -10,6 +10,8 @@ from robot_model.measurements.closure import (
     add_delta,
     flange_matrices,
     kronecker_rows,
+    moved_target,
+    numbered,
     position_sigma,
 )
 from robot_model.measurements.multistart import (
@@ -36,8 +38,8 @@ class ExternalPoint:
     @classmethod
     def of(cls, recording) -> "ExternalPoint":
         """From a recording; only rows that move with the tool may be in it."""
-        ids, index = np.unique(recording.reflector, return_inverse=True)
-        return cls(np.ascontiguousarray(recording.points.T), index, tuple(int(i) for i in ids))
+        ids, index = numbered(recording.reflector)
+        return cls(np.ascontiguousarray(recording.points.T), index, ids)
 
     def parameters(self) -> list[Parameter]:
         """Three coordinates a reflector, flange frame, mm."""
@@ -71,11 +73,8 @@ class ExternalPoint:
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """Predicted minus measured (3, n) in the external frame."""
-        point = frames.point(self.tip(values))
-        if "target" in deltas:
-            port_indices, change = deltas["target"]
-            point = point + sum(frames.end[s] * c for s, c in zip(port_indices, change))
         axes = np.stack(frames.end)
+        point = moved_target(frames.point(self.tip(values)), axes, deltas)
         tool_rows = np.concatenate([axes * (self.index == r) for r in range(len(self.ids))])
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         ports = {"target": axes, "sensor": np.broadcast_to(np.eye(3)[:, :, None], axes.shape)}

@@ -5,31 +5,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, add_delta, flange_matrices, position_sigma
+from robot_model.measurements.closure import (
+    Closure,
+    add_delta,
+    flange_matrices,
+    moved_target,
+    position_sigma,
+)
 from robot_model.measurements.external_point import base_values, point_system
 from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, lever_arm
 from robot_model.poses import pose_parameters, pose_values
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 
-@dataclass(frozen=True)
-class ExternalPose:
-    """Measured points (3, n) mm and rotations (n, 3, 3), target frame to external frame."""
+class MeasuredPose:
+    """A target on the flange, of which an instrument gives the point `measured` (3, n) mm and an orientation.
 
-    measured: np.ndarray
-    rotations: np.ndarray
+    `angles`: components of the orientation that are measured.
+    """
+
     place = "tool"
     grounded = False
-
-    @classmethod
-    def of(cls, recording) -> "ExternalPose":
-        """From a recording with columns qw qx qy qz."""
-        from scipy.spatial.transform import Rotation
-
-        quaternions = np.stack([recording.columns[f"q{c}"] for c in "xyzw"], -1)
-        return cls(
-            np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix()
-        )
+    angles = 3
 
     def parameters(self) -> list:
         """Transform T_flange_target."""
@@ -45,14 +42,41 @@ class ExternalPose:
         return np.repeat(values[:3, None], self.measured.shape[1], 1)
 
     def sigma(self, recording) -> np.ndarray:
-        """(6, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
+        """(3 + angles, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
         orientation_noise = (
             np.deg2rad(recording.columns["sigma_deg"])
             if "sigma_deg" in recording.columns
             else position[0] / 100
         )
-        return np.concatenate([position, np.tile(orientation_noise, (3, 1))])
+        return np.concatenate([position, np.tile(orientation_noise, (self.angles, 1))])
+
+    def port_rows(self, axes: np.ndarray) -> dict[str, np.ndarray]:
+        """Rows (3, 3 + angles, n) of the ports `target`, along the axes (3, 3, n) of the flange, and `sensor`."""
+        below = np.zeros((3, self.angles, axes.shape[2]))
+        sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
+        return {
+            port: np.concatenate([rows, below], 1)
+            for port, rows in (("target", axes), ("sensor", sensor))
+        }
+
+
+@dataclass(frozen=True)
+class ExternalPose(MeasuredPose):
+    """Measured points (3, n) mm and rotations (n, 3, 3), target frame to external frame."""
+
+    measured: np.ndarray
+    rotations: np.ndarray
+
+    @classmethod
+    def of(cls, recording) -> "ExternalPose":
+        """From a recording with columns qw qx qy qz."""
+        from scipy.spatial.transform import Rotation
+
+        quaternions = np.stack([recording.columns[f"q{c}"] for c in "xyzw"], -1)
+        return cls(
+            np.ascontiguousarray(recording.points.T), Rotation.from_quat(quaternions).as_matrix()
+        )
 
     def at(self, samples: np.ndarray) -> "ExternalPose":
         return replace(self, measured=self.measured[:, samples], rotations=self.rotations[samples])
@@ -61,12 +85,9 @@ class ExternalPose:
         """(6, n): point difference in mm, then the rotation vector from measured to predicted (rad)."""
         from scipy.spatial.transform import Rotation
 
-        point = frames.point(values[:3])
         tool = rotation_matrix(values[3:])
         axes = np.stack(frames.end)
-        if "target" in deltas:
-            port_indices, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
+        point = moved_target(frames.point(values[:3]), axes, deltas)
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         off = (
             Rotation.from_matrix(flange_matrices(frames) @ tool @ self.rotations.transpose(0, 2, 1))
@@ -78,19 +99,13 @@ class ExternalPose:
         tool_rows[3:, 3:] = _of_vector(
             off, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:]))
         )
-        below = np.zeros_like(axes)
-        sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
-        ports = {
-            port: np.concatenate([rows, below], 1)
-            for port, rows in (("target", axes), ("sensor", sensor))
-        }
         residual = np.concatenate([predicted - self.measured, off])
         return Closure(
             residual,
             point,
             _above,
             tool_rows,
-            ports,
+            self.port_rows(axes),
             lambda rotations: _below(_of_vector(off, rotations)),
         )
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from robot_model.chain import Frames, cross
-from robot_model.measurements.closure import Closure, flange_matrices, position_sigma, rigid_fit
+from robot_model.measurements.closure import Closure, Contact, add_delta, flange_matrices, rigid_fit
 from robot_model.poses import pose_parameters, pose_values
 from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
@@ -22,19 +22,16 @@ _ROUNDS = 40
 
 
 @dataclass(frozen=True)
-class LaserSpot:
-    """n beams; `index` (n,) which of the K points `ids` each passes; `sphere` (K,) of each point, -1 for none.
+class LaserSpot(Contact):
+    """n beams that pass K points, in two components across the beam; `sphere` (K,) of each point, -1 for none.
 
     `facing` (K, 3, 3): columns of a frame a point, whose z is about where the point lies from its
     sphere's centre; its place on the sphere is given by two rotations from there.
     """
 
-    index: np.ndarray
-    ids: tuple[int, ...]
     sphere: np.ndarray
     facing: np.ndarray = field(repr=False)
-    place = "tool"
-    grounded = True
+    equations = 2
 
     @classmethod
     def of(cls, recording) -> "LaserSpot":
@@ -78,27 +75,6 @@ class LaserSpot:
                 table.append(Parameter(f"artefact.{name}", unit, 0.0, size, name.replace("_", " ")))
         return table
 
-    @property
-    def measured(self) -> np.ndarray:
-        """(2, n) mm: a beam passes its point at no distance."""
-        return np.zeros((2, len(self.index)))
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """(n,) number of the point of each beam, as in the file."""
-        return np.asarray(self.ids)[self.index]
-
-    def targets(self, values: np.ndarray) -> np.ndarray:
-        """(3, n) where the beam leaves the flange, mm."""
-        return np.repeat(values[:3, None], len(self.index), 1)
-
-    def sigma(self, recording) -> np.ndarray:
-        """(2, n) mm: how well the beam is driven to the point; 1 where the recording does not say."""
-        return position_sigma(recording)[:2]
-
-    def at(self, samples: np.ndarray) -> "LaserSpot":
-        return replace(self, index=self.index[samples])
-
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(2, n) the point in the beam's frame, across the beam, mm."""
         rotation = rotation_matrix(values[3:6])
@@ -117,13 +93,12 @@ class LaserSpot:
         world = point_rows[:, :, self.index] * self._mine(point_rows)[:, None]
         across = np.stack(axes[:2])
         rows = np.concatenate([tool_rows, np.einsum("acn,kcn->kan", across, world)])
-        residual = seen[:2]
         for port, delta in deltas.items():
             if port in ("sensor", "target"):
-                residual = residual + _two(delta, residual.shape)
+                seen = add_delta(seen, delta)
         both = np.repeat(np.eye(3)[:, :2, None], len(self.index), 2)
         return Closure(
-            residual,
+            seen[:2],
             point,
             lambda moved: -np.einsum("acn,kcn->kan", across, moved),
             rows,
@@ -207,10 +182,6 @@ class LaserSpot:
         np.add.at(right, self.index, np.einsum("nij,nj->ni", flat, origins))
         return np.einsum("kij,kj->ki", np.linalg.pinv(normal), right)
 
-    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
-        """A beam has no measured coordinate to write; its joint readings are the measurement."""
-        return {}
-
 
 def _place_on_sphere(k):
     return [(f"point{k}_rx", "rad", 0.1), (f"point{k}_ry", "rad", 0.1)]
@@ -242,11 +213,3 @@ def _tilt(ray):
     axis = np.array([-ray[1], ray[0]])
     size = np.linalg.norm(axis)
     return np.zeros(2) if size < 1e-12 else axis / size * np.arctan2(size, ray[2])
-
-
-def _two(delta, shape):
-    """(2, n) of the (components, change) of a port, its part along the beam left out."""
-    port_indices, change = delta
-    spread = np.zeros((3, shape[1]))
-    spread[port_indices] = change
-    return spread[:2]

@@ -10,11 +10,11 @@ from robot_model.measurements.closure import (
     add_delta,
     flange_matrices,
     kronecker_rows,
-    position_sigma,
+    moved_target,
 )
 from robot_model.measurements.external_point import base_values, point_system
+from robot_model.measurements.external_pose import MeasuredPose
 from robot_model.measurements.multistart import MODEL_ERROR_MM, RotationSystem, lever_arm
-from robot_model.poses import pose_parameters
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 AXES = {("nx", "ny", "nz"): 0, ("ox", "oy", "oz"): 1}
@@ -22,14 +22,16 @@ AXES = {("nx", "ny", "nz"): 0, ("ox", "oy", "oz"): 1}
 
 
 @dataclass(frozen=True)
-class PartialPose:
-    """Measured points (3, n) mm and unit axes (3, n), external frame; `which` axis of the tool that is."""
+class PartialPose(MeasuredPose):
+    """Measured points (3, n) mm and unit axes (3, n), external frame; `which` axis of the tool that is.
+
+    The data hold nothing about the rotation of the tool about the measured axis.
+    """
 
     measured: np.ndarray
     axis: np.ndarray
     which: int
-    place = "tool"
-    grounded = False
+    angles = 2
 
     @classmethod
     def of(cls, recording) -> "PartialPose":
@@ -41,29 +43,6 @@ class PartialPose:
         return cls(
             np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which
         )
-
-    def parameters(self) -> list:
-        """Transform T_flange_target; the data hold nothing about its rotation about the measured axis."""
-        return pose_parameters("tool", "tool")
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """(n,) one target only."""
-        return np.ones(self.measured.shape[1], int)
-
-    def targets(self, values: np.ndarray) -> np.ndarray:
-        """(3, n) place of the target on the flange, mm, for the kind's own values."""
-        return np.repeat(values[:3, None], self.measured.shape[1], 1)
-
-    def sigma(self, recording) -> np.ndarray:
-        """(5, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
-        position = position_sigma(recording)
-        orientation_noise = (
-            np.deg2rad(recording.columns["sigma_deg"])
-            if "sigma_deg" in recording.columns
-            else position[0] / 100
-        )
-        return np.concatenate([position, np.tile(orientation_noise, (2, 1))])
 
     def at(self, samples: np.ndarray) -> "PartialPose":
         return replace(self, measured=self.measured[:, samples], axis=self.axis[:, samples])
@@ -82,12 +61,9 @@ class PartialPose:
         The logarithm on the unit sphere: its length is the angle from 0 to pi. The sines alone would be
         zero again for an axis that points the other way.
         """
-        point = frames.point(values[:3])
         tool = rotation_matrix(values[3:])
         axes = np.stack(frames.end)
-        if "target" in deltas:
-            port_indices, change = deltas["target"]
-            point = point + sum(axes[s] * c for s, c in zip(port_indices, change))
+        point = moved_target(frames.point(values[:3]), axes, deltas)
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
         axis = np.einsum("fcn,f->cn", axes, tool[:, self.which])
         across = self.across
@@ -107,15 +83,14 @@ class PartialPose:
         tool_rows = np.zeros((6, 5, point.shape[1]))
         tool_rows[:3, :3] = axes
         tool_rows[3:, 3:] = lean(np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:])))
-        below = np.zeros((3, 2, point.shape[1]))
-        sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
-        ports = {
-            port: np.concatenate([rows, below], 1)
-            for port, rows in (("target", axes), ("sensor", sensor))
-        }
         residual = np.concatenate([predicted - self.measured, leaning])
         return Closure(
-            residual, point, _above, tool_rows, ports, lambda rotations: _below(lean(rotations))
+            residual,
+            point,
+            _above,
+            tool_rows,
+            self.port_rows(axes),
+            lambda rotations: _below(lean(rotations)),
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,18 @@
 """`plane-touch`: a tip on the flange that touches planes; nobody measures where these are."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from robot_model.chain import Frames
-from robot_model.measurements.closure import Closure, flange_matrices, position_sigma
+from robot_model.measurements.closure import (
+    Closure,
+    Contact,
+    flange_matrices,
+    moved_target,
+    numbered,
+    tip_parameters,
+)
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
@@ -14,62 +21,31 @@ _ROUNDS = 50
 
 
 @dataclass(frozen=True)
-class PlaneTouch:
-    """n touches; `index` (n,) which of the planes `ids` each is of."""
+class PlaneTouch(Contact):
+    """n touches of planes, along their normals."""
 
-    index: np.ndarray
-    ids: tuple[int, ...]
-    place = "tool"
-    grounded = True
+    equations = 1
 
     @classmethod
     def of(cls, recording) -> "PlaneTouch":
         """From a recording with a column `plane`."""
-        ids, index = np.unique(recording.columns["plane"], return_inverse=True)
-        return cls(index, tuple(int(i) for i in ids))
+        ids, index = numbered(recording.columns["plane"])
+        return cls(index, ids)
 
     def parameters(self) -> list[Parameter]:
         """The tip on the flange; of each plane two turns of its normal from z, and its distance from the root."""
-        tip = [
-            Parameter(f"tool.tip_{axis}", "mm", 0.0, 100.0, f"tip {axis} on the flange")
-            for axis in "xyz"
-        ]
         words = (("rx", "rad", 0.1), ("ry", "rad", 0.1), ("offset", "mm", 100.0))
-        return tip + [
+        return tip_parameters() + [
             Parameter(f"artefact.plane{k}_{name}", unit, 0.0, size, f"plane {k} {name}")
             for k in self.ids
             for name, unit, size in words
         ]
 
-    @property
-    def measured(self) -> np.ndarray:
-        """(1, n) mm: a touch leaves no gap."""
-        return np.zeros((1, len(self.index)))
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """(n,) number of the plane of each touch, as in the file."""
-        return np.asarray(self.ids)[self.index]
-
-    def targets(self, values: np.ndarray) -> np.ndarray:
-        """(3, n) place of the tip on the flange, mm."""
-        return np.repeat(values[:3, None], len(self.index), 1)
-
-    def sigma(self, recording) -> np.ndarray:
-        """(1, n) mm; 1 where the recording does not say."""
-        return position_sigma(recording)[:1]
-
-    def at(self, samples: np.ndarray) -> "PlaneTouch":
-        return replace(self, index=self.index[samples])
-
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, n) distance of the tip from its plane, along the plane's normal, mm."""
-        tip = frames.point(values[:3])
         planes = values[3:].reshape(-1, 3)
         axes = np.stack(frames.end)
-        if "target" in deltas:
-            port_indices, change = deltas["target"]
-            tip = tip + sum(axes[s] * c for s, c in zip(port_indices, change))
+        tip = moved_target(frames.point(values[:3]), axes, deltas)
         tilt = np.column_stack([planes[:, :2], np.zeros(len(planes))])
         normals = rotation_matrix(tilt)[:, :, 2]
         rotated = np.cross(
@@ -120,7 +96,3 @@ class PlaneTouch:
             normal = np.linalg.svd(mine - middles[-1])[2][2]
             normals.append(normal if normal[2] >= 0 else -normal)
         return np.array(normals), np.array(middles)
-
-    def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
-        """A touch has no measured coordinate to write; its joint readings are the measurement."""
-        return {}
