@@ -15,6 +15,8 @@ from datasets.importers.source import RawTable
 
 _MOST_COLUMNS = 24
 _FEWEST_ROWS = 3
+_POSES = ((3, 3), (3, 4), (4, 4))
+"""Shapes of rotations and of transforms."""
 _HDF5_NOT_NUMBERS = (b"char", b"cell", b"logical", b"struct")
 
 
@@ -53,15 +55,19 @@ def _collect(name: str, value, arrays: dict[str, np.ndarray]) -> None:
                 arrays[f"{name} {field}"] = stacked
     elif value.dtype.kind in "fiu":
         arrays[name] = value.astype(float)
+    elif value.dtype.kind == "O" and value.size:  # a cell array
+        stacked = _stacked(value.ravel())
+        if stacked is not None:
+            arrays[name] = stacked
 
 
 def _stacked(cells) -> np.ndarray | None:
-    """(n, k) numbers of one field of n structures, or (n, 4, 4) of transforms; None where it holds anything else."""
+    """(n, k) numbers of n structures or cells, or (n, 4, 4) of transforms; None where they hold anything else."""
     parts = [np.asarray(cell) for cell in cells]
     if len({part.shape for part in parts}) > 1 or parts[0].dtype.kind not in "fiu":
         return None
     stacked = np.stack(parts).astype(float)
-    is_pose = stacked.shape[1:] in ((3, 3), (4, 4))
+    is_pose = stacked.shape[1:] in _POSES
     return stacked if is_pose else stacked.reshape(len(parts), -1)
 
 
@@ -129,46 +135,6 @@ def read_parquet(path: Path) -> list[RawTable]:
     return [RawTable(path.name, columns, np.arange(1, len(frame) + 1))]
 
 
-def read_json_tables(path: Path, content) -> list[RawTable]:
-    """Tables of JSON: a list of records with numbers and lists in them, or arrays by name. Raises InputError."""
-    if isinstance(content, list) and all(isinstance(row, Mapping) for row in content):
-        content = [flattened(row) for row in content]
-        names = dict.fromkeys(name for row in content for name in row)
-        content = {name: [row.get(name) for row in content] for name in names}
-    arrays, texts = {}, {}
-    for name, value in flattened(content).items() if isinstance(content, Mapping) else ():
-        if isinstance(value, list):
-            array = _number_array(value)
-            if array is not None:
-                arrays[name] = array
-            elif all(isinstance(cell, str) for cell in value):
-                texts[name] = np.array(value)
-    tables = tables_of_arrays(path, arrays)
-    for table in tables:
-        same = {name: cells for name, cells in texts.items() if len(cells) == table.n}
-        table.columns.update(same)
-    return tables
-
-
-def flattened(content: Mapping, prefix: str = "") -> dict:
-    """Values by name; those of an object inside get its name in front: {"tracker": {"x": 1}} as "tracker x"."""
-    made = {}
-    for name, value in content.items():
-        if isinstance(value, Mapping):
-            made |= flattened(value, f"{prefix}{name} ")
-        else:
-            made[f"{prefix}{name}"] = value
-    return made
-
-
-def _number_array(value: list) -> np.ndarray | None:
-    """Numbers of a nested list, nan for null; None where it holds anything else."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        return None
-
-
 def tables_of_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> list[RawTable]:
     """One table for each length that arrays share. Raises InputError where no array has one row per sample."""
     by_length: dict[int, dict[str, np.ndarray]] = {}
@@ -193,12 +159,17 @@ def tables_of_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> list[RawTa
 def _as_columns(name: str, array: np.ndarray):
     """(rows, columns) of one array; nothing for scalars and for arrays that are no table."""
     array = np.squeeze(array) if array.ndim > 2 else array
+    pairs = _pairs_of_poses(array)
+    if pairs is not None:
+        for number, part in enumerate(pairs, 1):
+            yield from _as_columns(f"{name} {number}", part)
+        return
     if array.ndim == 3:
-        if array.shape[:2] in ((3, 3), (4, 4)) and array.shape[2] != array.shape[1]:
+        if array.shape[:2] in _POSES and array.shape[2] != array.shape[1]:
             array = array.transpose(2, 0, 1)
-        if array.shape[1:] == (4, 4):
+        if array.shape[1:] in _POSES[1:]:
             yield len(array), pose_columns(name, array)
-        elif array.shape[1:] == (3, 3):
+        elif array.shape[1:] == _POSES[0]:
             yield len(array), rotation_columns(name, array)
         return
     if array.ndim == 1 or 1 in array.shape:
@@ -213,6 +184,16 @@ def _as_columns(name: str, array: np.ndarray):
         yield len(array), {f"{name} {k + 1}": array[:, k] for k in range(array.shape[1])}
 
 
+def _pairs_of_poses(array: np.ndarray) -> list[np.ndarray] | None:
+    """Two arrays of poses of one that holds both: (n, 2, 4, 4), (2, n, 4, 4), or lists of 6 or 7 numbers; else None."""
+    is_pose = array.shape[2:] in _POSES[1:] or array.ndim == 3 and array.shape[2] in (6, 7)
+    if not is_pose or 2 not in array.shape[:2]:
+        return None
+    if array.shape[1] == 2:
+        array = array.swapaxes(0, 1)
+    return list(array)
+
+
 def rotation_columns(name: str, rotations: np.ndarray) -> dict[str, np.ndarray]:
     """Columns "name r11" ... "name r33" of rotations (n, 3, 3), or of transforms (n, 4, 4)."""
     columns = {}
@@ -223,7 +204,7 @@ def rotation_columns(name: str, rotations: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def pose_columns(name: str, poses: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns "name r11" ... "name r33" and "name x", "name y", "name z" of homogeneous transforms (n, 4, 4)."""
+    """Columns "name r11" ... "name r33" and "name x", "name y", "name z" of transforms (n, 4, 4) or (n, 3, 4)."""
     columns = rotation_columns(name, poses)
     for row, axis in enumerate("xyz"):
         columns[f"{name} {axis}"] = poses[:, row, 3]

@@ -9,11 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from datasets.errors import InputError, complaint
-from datasets.importers.source import ImageFile, Source
+from datasets.importers.mapping.columns.sets import find_sets
+from datasets.importers.source import ImageFile, RawTable, Source
 from datasets.importers.sources import arrays, clouds, ros_bags, storage
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
 from datasets.importers.sources.programs import joint_lists, robot_programs, yaskawa_jobs
 from datasets.importers.sources.tables import axis_reports, excel, text_tables
+from datasets.importers.sources.tables.line_blocks import read_line_blocks
 from datasets.importers.sources.tables.reshaped import one_row_per_sample
 from datasets.importers.sources.tables.summary_rows import without_summary_rows
 
@@ -103,8 +105,21 @@ def _read_file(path: Path, scratch: Path) -> Source:
             return Source(tables=tuple(joint_lists.read_joint_lists(path)))
         if axis_reports.is_axis_report(path):
             return Source(tables=tuple(axis_reports.read_axis_report(path)))
-        return Source(tables=(without_summary_rows(text_tables.read_text_table(path)),))
+        return Source(tables=(_text_table(path),))
     return _read_unknown(path, suffix)
+
+
+def _text_table(path: Path) -> RawTable:
+    """The table of a text file: one row in each line, or in each block of lines. Raises InputError for others."""
+    try:
+        table = without_summary_rows(text_tables.read_text_table(path))
+    except InputError:
+        blocks = read_line_blocks(path)
+        if blocks is None:
+            raise
+        return blocks
+    is_known = bool(find_sets(one_row_per_sample(table)))
+    return table if is_known else read_line_blocks(path) or table
 
 
 def _unpacked(path: Path, scratch: Path) -> Path:
@@ -125,7 +140,7 @@ def _read_unknown(path: Path, suffix: str) -> Source:
     """The table of a file with an unusual extension, as far as it is text. Raises InputError for other files."""
     try:
         if suffix not in _UNREADABLE or suffix in _OFTEN_TEXT:
-            return Source(tables=(without_summary_rows(text_tables.read_text_table(path)),))
+            return Source(tables=(_text_table(path),))
     except InputError:
         pass  # the sentence on the kind of the file says more
     if suffix in _UNREADABLE:

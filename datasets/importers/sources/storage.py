@@ -7,7 +7,8 @@ import numpy as np
 
 from datasets.errors import complaint
 from datasets.importers.source import Source
-from datasets.importers.sources.arrays import pose_columns, read_json_tables, tables_of_arrays
+from datasets.importers.sources.arrays import pose_columns, tables_of_arrays
+from datasets.importers.sources.records import read_record_tables
 from datasets.importers.sources.xml_records import read_xml_records
 from workbench.core.text.structured_text import ContentError, parse_json, read_json, read_yaml
 
@@ -29,16 +30,16 @@ def read_storage(path: Path) -> Source:
     if path.suffix.lower() in XML:
         return Source(tables=tuple(read_xml_records(path)))
     if path.suffix.lower() in JSON_LINES:
-        return Source(tables=tuple(read_json_tables(path, _json_lines(path))))
+        return Source(tables=tuple(read_record_tables(path, _json_lines(path))))
     if path.suffix.lower() == ".json":
-        return Source(tables=tuple(read_json_tables(path, _json(path))))
-    return Source(tables=tuple(read_json_tables(path, _yaml(path))))
+        return Source(tables=tuple(read_record_tables(path, _json(path))))
+    return Source(tables=tuple(read_record_tables(path, _yaml(path))))
 
 
 def _yaml(path: Path):
-    """The records of a YAML file, as MoveIt writes them. Raises InputError for other files."""
+    """The records of a YAML file, as MoveIt and `rostopic echo` write them. Raises InputError for other files."""
     try:
-        content = read_yaml(path)
+        content = read_yaml(path, has_documents=True)
     except (OSError, ContentError) as problem:
         raise complaint(path.name, "YAML", f"a mistake ({problem})", "write it again") from None
     if isinstance(content, list | dict):

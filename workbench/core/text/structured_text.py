@@ -34,12 +34,19 @@ def read_json(path: Path | str):
     return parse_json(_text(Path(path), "JSON"))
 
 
-def read_yaml(path: Path | str):
-    """The value in a YAML file. Raises ContentError for its content, OSError for the file."""
+def read_yaml(path: Path | str, has_documents: bool = False):
+    """The value in a YAML file. Raises ContentError for its content, OSError for the file.
+
+    has_documents: the file may hold several documents, whose values become a list.
+    """
     import yaml
 
+    def documents(text: str):
+        values = [value for value in yaml.safe_load_all(text) if value is not None]
+        return values[0] if len(values) == 1 else values
+
     text = _text(Path(path), "YAML")
-    return _parsed(yaml.safe_load, text, "YAML", yaml.YAMLError)
+    return _parsed(documents if has_documents else yaml.safe_load, text, "YAML", yaml.YAMLError)
 
 
 def parse_toml(text: str) -> dict:

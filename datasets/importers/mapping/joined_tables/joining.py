@@ -28,6 +28,7 @@ from datasets.importers.mapping.model import Join
 from datasets.importers.source import RawTable
 
 _GAP = 5.0
+_MANY_TIMES = 3  # as many rows has a log of the motion, at least; one of poses has hardly more than the other table
 _LEAST_GAP_S = 0.5
 _STEP_OF_RANGE = (
     1e-3  # of a joint between two rows of a log: encoders of a joint at rest change by far less
@@ -86,7 +87,10 @@ def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
 
 def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
     """The way of joining that the tables themselves offer."""
+    has_times = seconds_of(few) is not None and seconds_of(many) is not None
     for mine, its in shared_keys(few, many):
+        if has_times and _are_counters_of_rows(few.columns[mine], many.columns[its]):
+            continue
         if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
             key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
             return replace(join, by="key", key=key if key == other else None)
@@ -96,7 +100,7 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
             for mine, its in other_keys(few, many)
         )
         return replace(join, by="key" if is_named else "index", key=None)
-    if seconds_of(few) is not None and seconds_of(many) is not None:
+    if has_times:
         return replace(join, by="time")
     for mine, its in [*other_keys(few, many), *repeated_keys(few, many)]:
         if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
@@ -106,6 +110,19 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
         "equally many rows, a column with the same numbers or names in both, or times in both",
         f"{few.n} and {many.n} rows, {differing_names(few, many) or 'no such column'}, and no times in both",
         'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
+    )
+
+
+def _are_counters_of_rows(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether both columns count the rows of their own table, one of which has many times as many.
+
+    The message numbers of two topics of ROS agree from 0 on, and name no common rows.
+    """
+    sizes = sorted((len(first), len(second)))
+    is_log = sizes[1] >= _MANY_TIMES * sizes[0]
+    return is_log and all(
+        cells.dtype.kind == "f" and len(cells) > 1 and bool((np.diff(cells) == 1).all())
+        for cells in (first, second)
     )
 
 
