@@ -50,7 +50,8 @@ VOCABULARY = {
 
 
 # Beyond it: masses that are not where the data sheet says, bearings that tilt, Ye's constant Fourier term, tilts
-# that an accelerometer has recorded, readings taken while the arm still brakes, screws and racks.
+# that an accelerometer has recorded, readings taken while the arm still brakes, screws and racks,
+# a load whose centre is elsewhere.
 ADDITIONS = {
     "first-moment",
     "bearing-compliance",
@@ -58,6 +59,7 @@ ADDITIONS = {
     "measured-tilt",
     "reading-lag",
     "cyclic-lead-error",
+    "payload-centre",
 }
 
 
@@ -163,6 +165,7 @@ CASES = (
     ("link-beam", "link-2", {}),
     ("payload", "tool", {}),
     ("payload", "tool", {"after": 200.0}),
+    ("payload-centre", "tool", {}),
     ("load-deflection", "tool", {"after": 200.0}),
     ("shift", "tool", {"after": 200.0}),
     ("shift", "base", {"after": 200.0}),

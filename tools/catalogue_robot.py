@@ -99,6 +99,7 @@ NOT_SEEN = {
     "gravity-link-compliance": "link-compliance of an arm without stated masses: the same residual",
     "gravity-pedestal-compliance": "pedestal-compliance of an arm without stated masses: the same residual",
     "cyclic-lead-error": "it sits at prismatic joints, which this arm does not have",
+    "payload-centre": "it needs a load that deflects the arm; see payload",
     "reading-lattice": "rounded readings, recognised from the readings themselves; they move no mean",
     "azimuth-harmonic": "an error curve of the instrument's azimuth encoder, shown by sight lines of many directions",
     "elevation-harmonic": "the same of its elevation encoder",

@@ -45,6 +45,7 @@ CATALOGUE = {
     "link-warm-up": steps.LinkWarmUp,
     "base-warm-up": steps.BaseWarmUp,
     "payload": load.Payload,
+    "payload-centre": load.PayloadCentre,
     "load-deflection": load.LoadDeflection,
     "loosening": steps.Loosening,
     "sight-line-refraction": instrument.SightLineRefraction,

@@ -100,6 +100,45 @@ class Payload(Effect):
         return np.eye(4)[:, :, None] * there
 
 
+class PayloadCentre(Effect):
+    """The recorded load has its centre of mass elsewhere than stated, or than at the measured point if none is stated.
+
+    Three numbers in the flange frame; only seen through what deflects under the load. The masses of the links need not
+    be known: the recorded load is.
+    """
+
+    effect = "payload-centre"
+    port = "mass"
+    places = ("tool",)
+    needs_compliance = True
+    equation = "m c -> m (c + d), m the recorded load"
+    source = "load identification: Khalil, Gautier & Lemoine, ICRA 2007; here by deflections instead of torques"
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, where the recorded load changes: a constant one acts as another mass of the last link does."""
+        if np.ptp(_recorded_load(chain.state)) > 0:
+            yield Variant(cls("tool"))
+
+    def port_indices(self, chain):
+        first = 3 * chain.robot.joints
+        return (first, first + 1, first + 2)
+
+    def table(self, chain):
+        label = "the centre of the recorded load beyond the stated one along"
+        return tuple(
+            self.parameter(axis, "mm", _CENTRE_MM, f"{label} {axis}", _FAR_MM) for axis in "xyz"
+        )
+
+    def basis(self, state):
+        return np.eye(3)[:, :, None] * _recorded_load(state)
+
+
+def _recorded_load(state) -> np.ndarray:
+    """(n,) kg on top of the empty tool; 0 where none is recorded."""
+    return state.payload - state.robot.payload_mass
+
+
 class LoadDeflection(Effect):
     """The tool carries another load after an instant, and the joints deflect by it; the links' masses are not known.
 
@@ -247,4 +286,4 @@ class LinkBeam(Effect):
         return cross(np.broadcast_to(vector[:, None] * 1e-3, weight.shape), weight)
 
 
-__all__ = ["LinkBeam", "LoadDeflection", "Payload"]
+__all__ = ["LinkBeam", "LoadDeflection", "Payload", "PayloadCentre"]
