@@ -41,9 +41,15 @@ PERMUTED, ROTATED = "permuted", "circular shift"
 _CLOCKS = ("time_s", "time", "row", "order")
 
 
-def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect]) -> tuple[Control, ...]:
+def controls(
+    bench: Bench,
+    others: Sequence[Effect],
+    own: Sequence[Effect],
+    solved: Sequence[Effect] = (),
+) -> tuple[Control, ...]:
     """The controls that can be made of the effects `own` conditional on a model that holds `others`.
 
+    solved: all of these effects, the same objects, in an order in which the bench has solved them already.
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join, all effects with their
     priors as in the fit: without them others with many parameters would make most of any effect. Permuted: 199 times
     over poses. Passed where fewer than one in a hundred gains as much, and the median trial gains, beyond what as
@@ -55,7 +61,7 @@ def controls(bench: Bench, others: Sequence[Effect], own: Sequence[Effect]) -> t
     if any(e.port in (*STATE_PORTS, NOISE) for e in own):
         why = "it acts through other effects or on the noise alone"
         return (Control(PERMUTED, None, None, None, why=why),)
-    trial = _Trial(bench, others, own)
+    trial = _Trial(bench, others, own, solved)
     rng = np.random.default_rng(0)
     if trial.permuted_change(np.random.default_rng(0)) < MAJORITY:
         why = "its cause is nearly the same at every pose, so that permuted poses hardly change it"
@@ -125,20 +131,19 @@ class _Trial:
     effective number of coefficients, those that the data and not their priors determine.
     """
 
-    def __init__(self, bench, others, own):
+    def __init__(self, bench, others, own, solved: Sequence[Effect] = ()):
         part = tested_samples(bench)
-        self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
-        self.y = fitted_residual(self.problem)
-        self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
-        self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.chain = bench.chain if part is None else bench.chain.at(part)
         self.effects = tuple(own)
         if self.chain is None:
+            self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
             self.small, self.rows = _columns(bench, self.problem, others, own), None
+            self._precision = np.zeros(len(self.small))
         else:
-            self._values = self._fitted_values(bench, others, part)
-            self.small, self.rows = self.basis(self.chain.state), self._rows(bench, others, part)
-        self._precision = self._precision_of(bench, others, part)
+            self._linearise(bench, tuple(solved) or (*others, *own), part)
+        self.y = fitted_residual(self.problem)
+        self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
+        self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.own = float(self.gain(self.small, self.y))
         columns = self.columns(self.small)
         gram = columns.T @ self._left(columns)
@@ -147,10 +152,22 @@ class _Trial:
         self.coefficients = solve_positive(posterior, columns.T @ self.y)
         self.fitted = self._left(columns @ self.coefficients)
 
-    def _fitted_values(self, bench, others, part) -> list[np.ndarray]:
-        """Values (P,) of each effect's parameters next to `others`, about which a nonlinear law is linearised."""
-        model, fit, _ = bench.solve((*others, *self.effects), part, is_complete=False)
-        return [fit.parameters.values[span] for span in model.spans[-len(self.effects) :]]
+    def _linearise(self, bench, effects: tuple[Effect, ...], part) -> None:
+        """The problem next to the other effects, to first order about the solution with all of them, `effects`.
+
+        A nonlinear law is linearised about its values there.
+        """
+        numbers = [next(i for i, e in enumerate(effects) if e is mine) for mine in self.effects]
+        whole = bench.problem(effects, samples=part, hypotheses=False)
+        self.problem = whole.conditional_on([i for i in range(len(effects)) if i not in numbers])
+        model, fit, _ = bench.solve(effects, part, is_complete=False)
+        spans = model.spans[-len(effects) :]
+        self._values = [fit.parameters.values[spans[i]] for i in numbers]
+        self.small = self.basis(self.chain.state)
+        self.rows = self._rows(model, fit)
+        none = [np.zeros(len(values)) for values in self._values]
+        known = [whole.precisions[i] for i in numbers] if whole.precisions else none
+        self._precision = np.concatenate(known)
 
     def basis(self, state, effects: Sequence[Effect] = ()):
         """(P, K, n) the effects side by side, each on components of its own: one row a parameter, as the fit has them.
@@ -194,22 +211,14 @@ class _Trial:
         """() or (S,) largest gain of any of some tuples of effects in a state, for y (N,) or (N, S)."""
         return np.max([self.gain(self.basis(state, e), y) for e in variants], axis=0)
 
-    def _rows(self, bench, others, part):
-        model, fit, _ = bench.solve(others, part, is_complete=False)
+    def _rows(self, model, fit) -> np.ndarray:
+        """(k, m, n) whitened derivatives by the components of the effects at a solution."""
         evaluation = model.evaluate(fit.parameters)
         rows = np.concatenate(
             [evaluation.rows(e.port, np.asarray(e.port_indices(model.chain))) for e in self.effects]
         )
         root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
         return rows * np.tile(root.reshape(rows.shape[1], -1), self.problem.ends.count)
-
-    def _precision_of(self, bench, others, part) -> np.ndarray:
-        """(P,) precisions of the priors of the effects' parameters next to `others`; 0 where there are none."""
-        none = np.zeros(len(self.small))
-        if self.chain is None:
-            return none
-        problem = bench.problem((*others, *self.effects), samples=part, hypotheses=False)
-        return np.concatenate(problem.precisions[len(others) :] or [none])
 
     def _left(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) what the baseline and the other effects, with their priors, do not fit of it."""

@@ -339,10 +339,12 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
     """The terms with their controls, and those that failed them."""
     passed, failed = [], []
     step = counted(say, len(terms))
+    solved = effects_of([term.finding for term in terms])
     for term in terms:
         step(f"controls of {term.title}")
-        others = effects_of([other.finding for other in terms if other is not term])
-        controlled = replace(term, controls=controls(bench, others, term.finding.effects))
+        own = term.finding.effects
+        others = [effect for effect in solved if not any(effect is mine for mine in own)]
+        controlled = replace(term, controls=controls(bench, others, own, solved=solved))
         broken = [control.kind for control in controlled.controls if control.passed is False]
         if broken:
             reason = f"it has a gain without its cause, too (control: {' and '.join(broken)})"
