@@ -8,6 +8,7 @@ import pytest
 
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
+from workbench.diagnosis.linear.evidence import design_effect
 from workbench.diagnosis.linear.problem import Finding, Located
 from workbench.diagnosis.noise.data_findings import unweighted_squares
 from workbench.diagnosis.noise.random_effects import (
@@ -133,3 +134,21 @@ def test_what_lies_far_off_counts_without_the_weights_that_made_it_little():
     left = problem.orthogonalise(problem.residual) / np.sqrt(problem.weights)[problem.sample]
     assert unweighted_squares(problem, every) == pytest.approx((left**2).sum())
     assert unweighted_squares(problem, ~every) == 0.0
+
+
+def test_terms_that_follow_every_pose_do_not_make_repeats_independent():
+    """Four repeats share most of the error of their pose, and a fit follows half of the poses' errors.
+
+    The sum of squares then counts as if it were that of the means that are left, in their degrees of freedom.
+    """
+    rng, pose = np.random.default_rng(3), np.arange(240) // 4
+    problem = bench_of(recorded(14, n=240)).problem((), hypotheses=False)
+    followed = np.kron(np.eye(3), np.eye(60)[pose])[:, rng.permutation(180)[:90]]
+    basis = np.linalg.qr(np.hstack([problem.basis, followed]))[0]
+    shared = rng.normal(size=(3, 60))[:, pose] + 0.5 * rng.normal(size=(3, 240))
+    for residual, variance_of_means in ((shared.ravel(), 4.25), (rng.normal(size=720), 1.0)):
+        y = residual - basis @ (basis.T @ residual)
+        degrees = (720 - basis.shape[1]) / design_effect(
+            replace(problem, basis=basis, residual=residual, pose=pose)
+        )
+        assert degrees / (y @ y) == pytest.approx(1 / variance_of_means, rel=0.35)

@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import CHUNK_SIZE, ROUNDING
+from workbench.diagnosis.levels import CHUNK_SIZE, LEAST_NUMBER, ROUNDING
 from workbench.diagnosis.linear.candidates import Scan, step_function
 from workbench.diagnosis.linear.problem import Problem
 
@@ -79,13 +79,11 @@ class Projected:
     complement.
     """
 
-    def __init__(self, problem: Problem, remainder: np.ndarray | None = None):
-        """remainder (N,): what is left where more effects are fitted than `problem` keeps; its design effect counts."""
+    def __init__(self, problem: Problem, remainder: Problem | None = None):
+        """remainder: the problem that keeps more effects, where more are fitted; its design effect counts."""
         self.problem, self.retained = problem, problem.retained
-        self.y = (
-            problem.orthogonalise(problem.residual) if self.retained is None else self.retained.y
-        )
-        self.design_effect = design_effect(self.y if remainder is None else remainder, problem)
+        self.y = _residual(problem)
+        self.design_effect = design_effect(problem if remainder is None else remainder)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
         self.yy = float(self.y @ self.y) / self.design_effect
         self.degrees = max(problem.degrees, 1) / self.design_effect
@@ -192,21 +190,32 @@ class Projected:
         return found
 
 
-def design_effect(y: np.ndarray, problem: Problem) -> float:
+def design_effect(problem: Problem) -> float:
     """Kish's design effect of the coordinates of one pose, whose errors correlate, at least 1.
 
-    Repeats of a pose share what the model misses there; they say ten times the same. From the sums
-    over a pose against the sum of squares: 1 + (m - 1) rho on average (Kish, Survey Sampling, 1965). Times that of
-    noise that is correlated from pose to pose.
+    Repeats of a pose share what the model misses there; they say ten times the same. The mean square of the residual's
+    means over the samples of a pose against that of all coordinates (Kish, Survey Sampling, 1965: for equal numbers of
+    repeats it is 1 + (m - 1) rho). Each by its own degrees of freedom, since a fit takes most of its own from the
+    means: a set of terms that follows every pose would make the repeats seem independent.
+    Times that of noise that is correlated from pose to pose.
     """
-    serial = problem.serial_effect
+    y, basis = _residual(problem), problem.full_basis
     m = len(y) // problem.n
-    _, label = np.unique(problem.pose, return_inverse=True)
-    if len(label) == label.max() + 1 or len(y) != m * problem.n:
-        return serial
-    sums = np.stack([np.bincount(label, row) for row in y.reshape(m, problem.n)])
-    largest = np.bincount(label).max()
-    return serial * float(np.clip((sums**2).sum() / max(y @ y, 1e-300), 1.0, largest))
+    _, label, count = np.unique(problem.pose, return_inverse=True, return_counts=True)
+    if len(count) == problem.n or len(y) != m * problem.n:
+        return problem.serial_effect
+    cell = np.tile(label, m) + len(count) * np.repeat(np.arange(m), problem.n)
+    means = csr_array((1 / np.sqrt(count[label[problem.sample]]), (cell, np.arange(len(y)))))
+    free = m * len(count) - float(((means @ basis) ** 2).sum())
+    shared = float(((means @ y) ** 2).sum()) / max(free, LEAST_NUMBER)
+    mean_square = max(float(y @ y), 1e-300) / max(len(y) - problem.rank, 1)
+    return problem.serial_effect * max(shared / mean_square, 1.0)
+
+
+def _residual(problem: Problem) -> np.ndarray:
+    """(N,) the residual, orthogonal to the baseline and to the retained effects."""
+    retained = problem.retained
+    return problem.orthogonalise(problem.residual) if retained is None else retained.y
 
 
 def cached(cache: dict, key, make):

@@ -115,7 +115,7 @@ def _gain(search: Search, trial: Search) -> float:
     Repeats of a pose count for as many independent numbers as the remainder says; the same for both solutions, once by
     the remainder of each, of which the smaller gain counts.
     """
-    remainders = [Projected(solution.problem.conditional_on()).y for solution in (search, trial)]
+    remainders = [solution.problem.conditional_on() for solution in (search, trial)]
     gains = [
         _log_posterior(trial, solution) - _log_posterior(search, solution)
         for solution in remainders
@@ -123,7 +123,7 @@ def _gain(search: Search, trial: Search) -> float:
     return min(gains)
 
 
-def _log_posterior(search: Search, remainder: np.ndarray) -> float:
+def _log_posterior(search: Search, remainder: Problem) -> float:
     """Log posterior of what is accepted, which is comparable with that about another solution.
 
     Each solution widens the sigmas, and weights the samples, by what it leaves, so that both belong to the density.
@@ -143,8 +143,8 @@ class _Laws:
     """Terms in a problem that keeps none of them, and what a load of C parameters makes of their columns.
 
     `columns` (N, T) of all terms and `changes` (C, N, T) by each parameter of the load, in typical sizes, the baseline
-    projected out; `start` (K + 1,) of each term; `y` (N,) the residual without any of them, `remainder` (N,) with those
-    accepted; `variance` of a whitened coordinate; `first`: sets to start from;
+    projected out; `start` (K + 1,) of each term; `y` (N,) the residual without any of them;
+    `remainder`: the problem with those accepted; `variance` of a whitened coordinate; `first`: sets to start from;
     `accepted`: how many terms come first that are accepted and not elastic.
     """
 
@@ -154,7 +154,7 @@ class _Laws:
     changes: np.ndarray
     start: np.ndarray
     y: np.ndarray
-    remainder: np.ndarray
+    remainder: Problem
     variance: float
     first: tuple[Members, ...]
     accepted: int
@@ -185,7 +185,7 @@ class _Laws:
             np.stack([problem.orthogonalise(change) for change in changes_of_all]),
             start,
             Projected(problem).y,
-            Projected(search.problem.conditional_on()).y,
+            search.problem.conditional_on(),
             search.variance(),
             (first_terms + joints, first_terms + present),
             len(first_terms),

@@ -13,7 +13,6 @@ from workbench.diagnosis.levels import (
     SIGNIFICANT_SIGMAS,
 )
 from workbench.diagnosis.linear.candidates import Candidate
-from workbench.diagnosis.linear.evidence import Projected
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
@@ -41,12 +40,12 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     tried: list[set] = []
     for _ in range(MAX_ROUNDS):
         terms, present = _candidate_terms(search, thorough)
-        remainder = Projected(search.problem.conditional_on()).y
+        remainder = search.problem.conditional_on()
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
         members = Stepwise(objective).most_probable_set(present)
         if search.bench.bends_with_effects and not present:
-            members = dominant_law(objective, members, len(remainder))
+            members = dominant_law(objective, members, len(remainder.sample))
         chosen = [terms[i] for i in members]
         names = {name_of(h) for h in chosen}
         if names in tried or _is_gain_below(NEGLIGIBLE_SHARE, objective, members, present):

@@ -165,12 +165,12 @@ class LogPosterior:
         cls,
         problem: Problem,
         terms: Sequence[Hypothesis],
-        remainder: np.ndarray | None = None,
+        remainder: Problem | None = None,
         accepted: Accepted | None = None,
     ) -> "LogPosterior":
         """Of some terms, their columns taken at a problem that keeps none of them.
 
-        remainder (N,): what is left with the terms accepted so far. Repeats of a pose err together by what these
+        remainder: the problem that keeps the terms accepted so far. Repeats of a pose err together by what these
         explain, so that only the remainder says how many independent numbers the samples are worth.
         accepted: of the first terms. Other terms that act through their compliances (loads) count for what these do not
         explain.
