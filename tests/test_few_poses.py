@@ -96,3 +96,15 @@ def test_a_fit_that_nearly_interpolates_does_not_make_its_noise_zero():
     noise = np.sqrt(3) * SIGMA
     assert result.fit["rms_mm"] > 0.2 * noise
     assert result.held_out["rms_mm"] > noise
+
+
+def test_folds_know_no_value_that_the_fit_of_all_poses_left():
+    # 36 coordinates: most columns are dependent only because there are so few rows
+    kind = CATALOGUE["joint-compliance"]
+    made = recorded(4, [kind("joint-2"), kind("joint-3")], [5e-6, 8e-6], n=12)
+    result = calibrate(made)
+    assert result.stages[-1].earned
+    parameters = result.solution.parameters
+    held = ~parameters.mask & (parameters.precision > 0)
+    np.testing.assert_allclose(parameters.values[held], parameters.nulls[held], atol=1e-12)
+    assert result.held_out["rms_mm"] > np.sqrt(3) * SIGMA

@@ -38,6 +38,14 @@ def test_the_evidence_is_the_largest_over_the_noise(linear):
     assert best == pytest.approx(max(values), abs=0.5)
 
 
+def test_the_most_probable_noise_maximises_the_density_of_the_data(linear):
+    posterior = Posterior(linear, linear.precision)
+    best = posterior.most_probable_noise()
+    largest = _log_evidence(linear, linear.precision, best)
+    for factor in (0.5, 0.8, 1.25, 2.0):
+        assert _log_evidence(linear, linear.precision, factor * best) < largest
+
+
 def _log_evidence(linear, precision, noise):
     information = linear.normal / noise + np.diag(precision)
     step = np.linalg.solve(information, -linear.gradient / noise - precision * linear.away)

@@ -14,6 +14,8 @@ import numpy as np
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.core.least_squares.solver import Fit
 
+_NOISE_RANGE = (1e-6, 1e4)  # of the present variance, in which the most probable one is looked for
+_NOISE_STEPS = 200
 _ROUNDS = 6  # of the noise and the parameters in turn, which converge within four
 
 
@@ -111,6 +113,15 @@ class Posterior:
     def _evidence_from(self, noise: float) -> float:
         for _ in range(_ROUNDS):
             before, noise = noise, self.next_noise(noise)
+        return self._log_evidence(before, noise)
+
+    def most_probable_noise(self) -> float:
+        """Variance of the residuals under which the data are most probable."""
+        grid = np.geomspace(*_NOISE_RANGE, _NOISE_STEPS)
+        return float(max(grid, key=lambda noise: self._log_evidence(noise, noise)))
+
+    def _log_evidence(self, before: float, noise: float) -> float:
+        """Log evidence at a variance of the residuals; before: the variance that the solution is of."""
         step = self._step(before)
         misfit = self._squares(step) / noise + ((self._away + step) ** 2).sum()
         volume = np.log(self._shrinkage(before)).sum() + self._linear.eliminated * np.log(before)

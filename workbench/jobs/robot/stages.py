@@ -187,10 +187,13 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     if held:
         wanted = wanted.fix(*held)
         trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
-    model, free, tied = model.with_chain(chain), trial.parameters, {}
+    model, fit, tied = model.with_chain(chain), trial, {}
     if stage.canonical:
-        free, tied = _canonical(part, trial, wanted)
-    fit = solve_independent(part, trial, free, stage)
+        root = undetermined_root(part, trial)
+        free, tied = _canonical(part, trial, wanted, root)
+        fit = solve_independent(part, trial, free, stage, root)
+        is_free = dict(zip(fit.parameters.keys, fit.parameters.mask))
+        tied = {key: partners for key, partners in tied.items() if not is_free[key]}
     if stage.canonical:
         fit = settled(part, fit, stage.loss, stage.steps)
     if size is not None:
@@ -219,11 +222,11 @@ def _still_held(keys: Sequence[str], parameters: Parameters) -> tuple[str, ...]:
     return tuple(k for k in dict.fromkeys(keys) if not parameters.mask[parameters.index[k]])
 
 
-def _canonical(model, trial: Fit, wanted: Parameters):
+def _canonical(model, trial: Fit, wanted: Parameters, root: Sequence[str]):
     """Free only what earlier parameters do not already make, judged at the trial's solution.
 
     Starts from the trial's values; parameters that are not freed return to their earlier values. The terms of a
-    series stay: their common prior decides what the data determine.
+    series stay: their common prior decides what the data determine. root: keys that place the root frame, to be held.
     """
     shrunk = model.shrunk
     others = trial.parameters.only(trial.parameters.mask & ~shrunk)
@@ -232,8 +235,7 @@ def _canonical(model, trial: Fit, wanted: Parameters):
     normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
     redundant = redundant_geometry(model.chain.robot)
     free, tied = independent(normal, others, redundant=redundant)
-    root = [key for key in undetermined_root(model, trial) if key not in tied]
-    tied = tied | {key: [ROOT[key]] for key in root}
+    tied = {key: [ROOT[key]] for key in root} | tied
     free = free.only((free.mask & ~np.isin(free.keys, root)) | (shrunk & trial.parameters.mask))
     return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
 
