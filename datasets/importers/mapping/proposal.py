@@ -69,7 +69,11 @@ def propose(
     joints = _joints_of(sets, table, stated)
     points = [one for one in sets if one.kind == "point"]
     point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
-    rotations = [one for one in sets if one.kind in _TURNS]
+    others = [one.words for one in points if one not in (point, flange_point)]
+    used = [one.words for one in (point, flange_point) if one is not None]
+    rotations = [
+        one for one in sets if one.kind in _TURNS and (one.words in used or one.words not in others)
+    ]
     rotation, flange_rotation = _rotations_of((point, flange_point), rotations, table, stated)
     axes = [one for one in sets if one.kind == "axis"]
     axis = None
@@ -185,11 +189,15 @@ def _classified(points, joints, measured_elsewhere: bool, table: RawTable):
     return measured, _best(flange, table, "flange_point")
 
 
-def _is_of(rotation_set: ColumnSet, flange_point: ColumnSet | None) -> bool:
-    """Whether a rotation belongs to the flange's point: by the same words in front."""
+def _is_of(rotation_set: ColumnSet, flange_point: ColumnSet | None, table: RawTable) -> bool:
+    """Whether a rotation belongs to the flange's point: by the same words in front, or by its place without words."""
     if rotation_set.is_flange and not rotation_set.is_measured:
         return True
-    return flange_point is not None and rotation_set.words == flange_point.words
+    if flange_point is None or rotation_set.words == flange_point.words:
+        return flange_point is not None
+    names = list(table.columns)
+    follows = names.index(rotation_set.names[0]) == names.index(flange_point.names[-1]) + 1
+    return follows and not rotation_set.words
 
 
 def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: Mapping):
@@ -197,7 +205,7 @@ def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: M
     point, flange_point = points
     rotation = flange_rotation = None
     if stated.rotation is None:
-        free = [one for one in rotations if not _is_of(one, flange_point)]
+        free = [one for one in rotations if not _is_of(one, flange_point, table)]
         rotation = _rotation_of(point, free, table, "rotation")
     if stated.flange_rotation is None:
         named = () if stated.rotation is None else stated.rotation.columns

@@ -3,7 +3,7 @@
 One row per joint, and fixed rows at either end (`dh_fixed_rows`), with theta (offset), d, a and alpha, in any order and
 with any usual header. Units come from the headers, else from the numbers. The convention (`distal`, or `craig`, the
 modified one) follows from headers such as "alpha i-1", else both are returned, and the measurements decide. A theta
-with the variable of another joint ("q3 - q2 - 90") couples the two.
+with the variable of another joint ("q3 - q2 - 90") couples the two; "-q1" is a joint that rotates the other way.
 """
 
 import math
@@ -78,8 +78,9 @@ def read_dh_table(path: Path) -> list[dict]:
     more, limits = [_optional(table, k) for k in range(table.n)], _limits(table)
     fixed = fixed_rows(table, columns["theta"].name, ["kind" in one for one in more])
     joints = []
+    theta = table.columns[columns["theta"].name]
     for k in np.flatnonzero(~fixed):
-        joint = rows[k] | more[k] | _coupling(table, columns["theta"].name, k)
+        joint = rows[k] | _variables(str(theta[k]), len(joints) + 1) | more[k]
         if np.isfinite(limits[k]).all() and "kind" not in more[k]:
             joint["limits_deg"] = limits[k].tolist()
         joints.append(joint)
@@ -155,7 +156,7 @@ def _cells(table: RawTable, header: Header) -> tuple[np.ndarray, bool]:
 
 def _evaluated(text: str) -> float | None:
     """The constant of a cell such as "q2 - 90°", "theta1" or "-pi/2"; None for other text."""
-    plain = _COUPLED.sub("", _without_variable(text), count=1)
+    plain = _COUPLED.sub("", _without_variable(text), count=2)
     if plain in ("", "+", "-", "fixed"):
         return 0.0
     match = _PI.fullmatch(plain)
@@ -176,13 +177,15 @@ def _without_variable(text: str) -> str:
     return _VARIABLE.sub("", plain, count=1) if _VARIABLE.match(plain) else plain
 
 
-def _coupling(table: RawTable, theta: str, row: int) -> dict:
-    """The key `coupled` of a joint whose theta also has the variable of another joint, as in "q3 - q2 - 90"."""
-    match = _COUPLED.search(_without_variable(str(table.columns[theta][row])))
-    if match is None:
-        return {}
-    ratio = float(match[1] + (match[2] or "1"))
-    return {"coupled": {"joint": int(match[3]), "ratio": ratio}}
+def _variables(text: str, number: int) -> dict:
+    """The keys `sign` and `coupled` of the joint `number` whose theta is -q1, or q3 - q2 with that of another joint."""
+    keys: dict = {}
+    for sign, ratio, joint in _COUPLED.findall(_without_variable(text)):
+        if int(joint) == number and not ratio:
+            keys["sign"] = -1 if sign == "-" else 1
+        else:
+            keys["coupled"] = {"joint": int(joint), "ratio": float(sign + (ratio or "1"))}
+    return {key: value for key, value in keys.items() if value != 1}
 
 
 def _factors(table: RawTable, columns: Mapping[str, Header], values: Mapping) -> dict[str, float]:

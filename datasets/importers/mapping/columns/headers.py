@@ -20,7 +20,7 @@ FLANGE_WORDS = frozenset(
     "yaskawa motoman staubli ur robotbase".split()
 )
 MEASURED_WORDS = frozenset(
-    "tracker laser lasertracker smr tmac mess messung messpunkt measured measurement gemessen leica faro api "
+    "tracker laser lasertracker lt smr tmac mess messung messpunkt measured measurement gemessen leica faro api "
     "hexagon reflector reflektor prism prisma target marker ball kugel sphere sensor scanner point punkt probe cmm "
     "kmg vicon camera kamera optitrack".split()
 )
@@ -36,6 +36,7 @@ DEVIATION_WORDS = frozenset(
     "vel qd qdd acceleration current strom moment torque force effort geschwindigkeit".split()
 )
 
+_SPREADS = (("s",), ("u",))
 _SUFFIX_UNITS = frozenset(
     "mm cm um m in inch inches zoll ft feet deg degree degrees grad rad radian radians gon mrad arcsec arcmin s ms us "
     "ns kg degc".split()
@@ -170,8 +171,10 @@ class Header:
         """Whether the value is a difference, a spread, a speed or a load.
 
         A last letter d is one of a series, as in "axis A" to "axis F": it means a difference where it stands in front
-        of a component, or alone.
+        of a component, or alone. So do s and u in front of an axis: sX is a standard deviation, uX an uncertainty.
         """
+        if self.kind == "xyz" and self.words[-1:] in _SPREADS:
+            return True
         series = {"d"} if len(self.words) > 1 and self.words[-1] == "d" else set()
         return bool(DEVIATION_WORDS & {*self.words, self.core} - series)
 

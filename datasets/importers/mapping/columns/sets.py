@@ -25,8 +25,9 @@ _MATRIX_NAMES = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2,
 _MATRIX_FROM_0 = tuple(f"{row}{column}" for row in (0, 1, 2) for column in (0, 1, 2))
 _TRANSFORMS = ((_MATRIX_NAMES, ("14", "24", "34")), (_MATRIX_FROM_0, ("03", "13", "23")))
 """Names of the rotation and of the last column of homogeneous transforms."""
+_FEWEST_WITH_GAP = 4  # axes of an arm of which one number is left out
 _NOA = ("nx", "ox", "ax", "ny", "oy", "ay", "nz", "oz", "az")
-_NUMBERED_AXIS = re.compile(r"(p|pos|point|m|marker|)([xyz])(\d{1,2})")
+_NUMBERED_AXIS = re.compile(r"([a-z]{0,8}?)([xyz])([a-z]{0,2}\d{1,2})")
 SLURBT = ("s", "l", "u", "r", "b", "t")
 WORD_SETS = {
     "rpy": ("roll", "pitch", "yaw"),
@@ -133,7 +134,7 @@ def _spherical(table: RawTable) -> list[ColumnSet]:
 
 
 def _numbered_points(headers: Sequence[Header]) -> list[ColumnSet]:
-    """Points whose number stands behind the axis, as in x1, y1, z1, x2, y2, z2."""
+    """Points whose number stands behind the axis, as in x1, y1, z1, x2, y2, z2, or xa1, ya1, za1."""
     by_number: dict[tuple[str, str], dict[str, Header]] = {}
     for header in headers:
         match = None if header.kind else _NUMBERED_AXIS.fullmatch(header.core)
@@ -256,11 +257,7 @@ def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> lis
     else:
         joints = dict(quaternion) | joints
     numbers = sorted(int(number) for number in joints)
-    if (
-        len(numbers) >= 2
-        and numbers[0] in (0, 1)
-        and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    ):
+    if _is_series(numbers):
         by_number = {int(label): header for label, header in joints.items()}
         ordered = [by_number[number] for number in numbers]
         is_point = len(numbers) == 3 and ordered[0].core.startswith("pos")
@@ -269,6 +266,15 @@ def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> lis
     if sorted(triple) in (["0", "1", "2"], ["1", "2", "3"]):
         sets.append(_set("point", [triple[number] for number in sorted(triple)]))
     return sets + _poses(kinds.get("posecomponent", {}), table)
+
+
+def _is_series(numbers: Sequence[int]) -> bool:
+    """Whether numbers of axes count from 0 or 1, with one left out at most: A1 A2 A3 A4 A6 of a palletiser."""
+    count = len(numbers)
+    if count < 2 or numbers[0] not in (0, 1):
+        return False
+    left_out = numbers[-1] - numbers[0] + 1 - count
+    return left_out == 0 or (left_out == 1 and count >= _FEWEST_WITH_GAP)
 
 
 def _has_length_1(columns: Mapping[str, Header], table: RawTable) -> bool:

@@ -10,6 +10,7 @@ from datasets.importers.mapping.columns.sets import find_sets
 from datasets.importers.mapping.counts import refuse_counts
 from datasets.importers.mapping.joined_tables.joining import join_tables, zone_sentence
 from datasets.importers.mapping.joined_tables.sessions import APPEND, appended, session_groups
+from datasets.importers.mapping.joined_tables.time_units import with_time_units
 from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import OF_PROGRAMS, QUANTITIES, Join, Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
@@ -72,7 +73,8 @@ def find_mapping(
     warnings = tuple(source.warnings)
     if not source.tables:
         return Found(source, None, mapping, (), warnings)
-    source = replace(source, tables=tuple(_with_time(table, mapping) for table in source.tables))
+    tables = with_time_units([_with_time(table, mapping) for table in source.tables])
+    source = replace(source, tables=tuple(tables))
     mapping = with_named_joints(source.tables, mapping, options.robot or mapping.robot)
     options = replace(options, mapping=mapping)
     is_plain = not source.images and not source.clouds
