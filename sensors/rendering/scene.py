@@ -12,34 +12,16 @@ from sensors.rendering.instrument import Chip, Instrument, Lamp, Laser, Optics, 
 from sensors.rendering.patterns import Pattern
 from sensors.rendering.ports import Causes, make_causes
 from workbench.core.errors import InputError
+from workbench.core.text.sections import Ball, SceneTable, rising
 from workbench.core.text.structured_text import ContentError, read_toml
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Above = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
+Span = Annotated[tuple[Above, Above], AfterValidator(rising)]
 
 
-def _rising(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise ValueError("expected the lower one first")
-    return pair
-
-
-def _ball(ball: list[float]) -> list[float]:
-    if not ball[3] > 0.1:
-        raise ValueError("expected [x, y, z, radius] in mm with a radius above 0.1")
-    return ball
-
-
-Span = Annotated[tuple[Above, Above], AfterValidator(_rising)]
-Ball = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_ball)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class CameraKeys(_Table):
+class CameraKeys(SceneTable):
     """As in scanner.toml: px, OpenCV's order of k1 k2 p1 p2 k3 (k4 k5 k6)."""
 
     width_px: int = Field(ge=16, le=20_000)
@@ -51,7 +33,7 @@ class CameraKeys(_Table):
     distortion: Annotated[list[float], Field(min_length=5, max_length=8)] = [0.0] * 5
 
 
-class LensKeys(_Table):
+class LensKeys(SceneTable):
     """Blur, 1 sigma: `Optics`."""
 
     blur_px: float = Field(0.6, gt=0)
@@ -60,7 +42,7 @@ class LensKeys(_Table):
     vignetting: float = Field(0.0, ge=0, le=20)
 
 
-class ChipKeys(_Table):
+class ChipKeys(SceneTable):
     """From electrons to numbers: `Chip`."""
 
     full_well_e: Above = 10_000.0
@@ -71,7 +53,7 @@ class ChipKeys(_Table):
     spill_px: Above = 3.0
 
 
-class LampKeys(_Table):
+class LampKeys(SceneTable):
     """Shares of the full well from a white surface: `Lamp`."""
 
     board: float = Field(0.7, ge=0)
@@ -80,7 +62,7 @@ class LampKeys(_Table):
     towards: tuple[float, float, float] | None = None
 
 
-class LaserKeys(_Table):
+class LaserKeys(SceneTable):
     """`source_mm` where the light of a fixed light plane comes from, camera frame; a mirror has its own."""
 
     width_mm: Above = 0.06
@@ -94,7 +76,7 @@ class LaserKeys(_Table):
     source_mm: Vector | None = None
 
 
-class MirrorKeys(_Table):
+class MirrorKeys(SceneTable):
     """A mirror `baseline_mm` from the camera that throws the light plane to z = `aim_mm` on the optical axis.
 
     Its face stands `offset_mm` from its axis, which leans by `tilt_deg` about x and z; the laser is
@@ -114,14 +96,14 @@ class MirrorKeys(_Table):
     speed_deg_s: Span = (2.0, 2.0)
 
 
-class PlaneKeys(_Table):
+class PlaneKeys(SceneTable):
     """A fixed light plane n.X + b = 0, camera frame."""
 
     normal: Vector
     offset_mm: float
 
 
-class BoardKeys(_Table):
+class BoardKeys(SceneTable):
     """[board] as recording.toml has it, and how it is printed; `margin` and `radius` in steps of the grid."""
 
     kind: Literal["chessboard", "charuco", "circles"] = "chessboard"
@@ -161,14 +143,14 @@ class BoardKeys(_Table):
         )
 
 
-class Place(_Table):
+class Place(SceneTable):
     """Board or artefact in the camera frame: mm, then roll, pitch, yaw about fixed x, y, z in degrees."""
 
     xyz_mm: Vector
     rpy_deg: Vector = [0.0, 0.0, 0.0]
 
 
-class Views(_Table):
+class Views(SceneTable):
     """`count` places at random: the middle at `range_mm`, up to `aside` of the field off its middle, turned
     by up to `roll_deg` in the image and tilted by up to `tilt_deg`; or the `places` themselves. Of a board: at
     the first `laser` of them (all where not given) the stripe is taken too, at every step."""
@@ -182,7 +164,7 @@ class Views(_Table):
     laser: int | None = Field(None, ge=0)
 
 
-class MeshKeys(_Table):
+class MeshKeys(SceneTable):
     """A file that Open3D reads, mm, in the artefact's frame."""
 
     file: str
@@ -198,7 +180,7 @@ class Cause(BaseModel):
     values: dict[str, float]
 
 
-class Scene(_Table):
+class Scene(SceneTable):
     """One file. `parts`: samples a pixel's side of board and stripe images.
 
     `balls`: [x, y, z, radius] of the certificate, artefact frame, mm. `temperature_c` [first, last]: a ramp over

@@ -168,7 +168,17 @@ def at_solution(adjustment: Adjustment) -> Adjustment:
     camera = Camera.of(
         fit.parameters.values[: len(board_stripes.camera.values)], board_stripes.camera.size
     )
-    poses = fit.values["placement"]
+    return replace(
+        adjustment,
+        corners=adjustment.corners.moved(camera, fit.values["placement"]),
+        board_stripes=stripes_at_solution(board_stripes, fit, camera),
+    )
+
+
+def stripes_at_solution(
+    board_stripes: BoardStripeChain, fit: BundleFit, camera: Camera
+) -> BoardStripeChain:
+    """Stripes on boards with the camera, board poses, and light planes or mirror where a fit ended."""
     mirror = None
     if board_stripes.mirror is None:
         planes = moved(board_stripes.planes, fit.values["step"])
@@ -179,12 +189,7 @@ def at_solution(adjustment: Adjustment) -> Adjustment:
         board_stripes = replace(board_stripes, angles=board_stripes.angles * change.gain)
         mirror = change.mirror
         planes = mirror.planes(board_stripes.angles)
-    corners = adjustment.corners.moved(camera, poses)
-    return replace(
-        adjustment,
-        corners=corners,
-        board_stripes=board_stripes.moved(camera, poses, planes, mirror),
-    )
+    return board_stripes.moved(camera, fit.values["placement"], planes, mirror)
 
 
 def adjust(

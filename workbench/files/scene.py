@@ -6,39 +6,21 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError
+from workbench.core.text.sections import Ball, SceneTable, rising
 from workbench.core.text.structured_text import ContentError, read_toml
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-
-
-def _rising(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise ValueError("expected the lower one first")
-    return pair
-
-
-def _ball(ball: list[float]) -> list[float]:
-    if not ball[3] > 0.1:
-        raise ValueError("expected [x, y, z, radius] in mm with a radius above 0.1")
-    return ball
-
-
 Mass = Annotated[float, Field(ge=0)]
-Ball = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_ball)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class Pose(_Table):
+class Pose(SceneTable):
     """A transform: translation in mm, then roll, pitch, yaw about fixed x, y, z in degrees."""
 
     xyz_mm: Vector = [0.0, 0.0, 0.0]
     rpy_deg: Vector = [0.0, 0.0, 0.0]
 
 
-class Errors(_Table):
+class Errors(SceneTable):
     """1 sigma of random errors of the true geometry about the nominal one."""
 
     length_mm: float = Field(0.0, ge=0)
@@ -57,7 +39,7 @@ class Cause(BaseModel):
     values: dict[str, float]
 
 
-class Scene(_Table):
+class Scene(SceneTable):
     """One file; lengths mm, angles deg.
 
     `robot`: a built-in name, or a .toml or .urdf file, relative to the scene. Poses are random within
@@ -81,11 +63,11 @@ class Scene(_Table):
     balls: list[Ball] = []
     errors: Errors = Errors()
     geometry: dict[str, float] = {}
-    stand_off_mm: Annotated[tuple[float, float], AfterValidator(_rising)] = (115.0, 135.0)
+    stand_off_mm: Annotated[tuple[float, float], AfterValidator(rising)] = (115.0, 135.0)
     field_deg: float | None = Field(None, gt=0, lt=80)
     cap_deg: float = Field(50.0, gt=0, le=90)
     share_of_limits: float = Field(0.7, gt=0, le=1)
-    payload_kg: Annotated[tuple[Mass, Mass], AfterValidator(_rising)] | None = None
+    payload_kg: Annotated[tuple[Mass, Mass], AfterValidator(rising)] | None = None
     approach: bool = False
     speeds_deg_s: float | None = Field(None, gt=0)
     temperature_c: tuple[float, float] | None = None

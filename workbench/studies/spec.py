@@ -3,10 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from workbench.core.errors import InputError
 from workbench.core.robot_files.robot_description import is_robot_file
+from workbench.core.text.sections import SceneTable
 from workbench.core.text.structured_text import ContentError, read_toml
 
 STUDY_FILES = Path(__file__).parent / "study_files"
@@ -16,11 +17,7 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)
 Step = Literal["simulate", "calibrate", "diagnose", "compensate"]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class Axis(_Table):
+class Axis(SceneTable):
     """A varied parameter: `path` (one or several keys with the same value) from `low` to `high` or one of `values`.
 
     `scale` is linear or logarithmic; a grid has `levels` values. `unit`: of the axis on the pages; where it is
@@ -58,7 +55,7 @@ class Axis(_Table):
         return self
 
 
-class Vary(_Table):
+class Vary(SceneTable):
     """`runs` points by `method` (not for a grid), each repeated `repeats` times with other random numbers."""
 
     method: Literal[METHODS] = "random"
@@ -68,7 +65,7 @@ class Vary(_Table):
     parameter: list[Axis] = []
 
 
-class Test(_Table):
+class Test(SceneTable):
     """Test of a calibrated robot: `samples` further poses of the scene, at each `payload_kg` and `temperature_c`.
 
     Without these, load and temperature are those of the scene.
@@ -79,7 +76,7 @@ class Test(_Table):
     temperature_c: list[float] = []
 
 
-class Tasks(_Table):
+class Tasks(SceneTable):
     """Task poses: joint readings (deg, mm for a prismatic joint), and the payload."""
 
     joints_deg: Annotated[list[Annotated[list[float], Field(min_length=1)]], Field(min_length=1)]
@@ -87,14 +84,14 @@ class Tasks(_Table):
     names: list[str] = []
 
 
-class Design(_Table):
+class Design(SceneTable):
     """Samples of the scene that are measured: `count` of them, selected by `choice`."""
 
     count: int = Field(30, ge=2)
     choice: Literal["random", "first", "D", "O1", "O2", "O3", "O4", "O5"] = "random"
 
 
-class Resample(_Table):
+class Resample(SceneTable):
     """Resampling of a recording: `how` "poses" (poses drawn with replacement) or "noise" (fitted model, new noise).
 
     `count`: number of poses drawn, default all; `noise`: factor of the fitted sigma.
@@ -105,7 +102,7 @@ class Resample(_Table):
     noise: float = Field(1.0, ge=0)
 
 
-class Study(_Table):
+class Study(SceneTable):
     """Content of a study file.
 
     `models`: "geometry", "joint-compliance", "default", or plans by name or file; each calibrates every run.

@@ -1,17 +1,11 @@
 """`workbench check`: is a recording good enough, and what would improve it, before anything is fitted?"""
 
-from typing import Annotated
-
-import typer
-
 from workbench.commands.shared import answer, flow, tables
 from workbench.core.text.uncertain import with_std
 
 
 def command(
-    recording: Annotated[
-        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
-    ],
+    recording: answer.RecordingName,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     trust_data: answer.TrustData = False,

@@ -61,10 +61,7 @@ Folds = Annotated[
 
 
 def command(
-    recording: Annotated[
-        str | None,
-        typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`."),
-    ] = None,
+    recording: Annotated[str | None, answer.RECORDING] = None,
     plan: Plan = None,
     from_diagnosis: FromDiagnosis = None,
     without: Without = None,

@@ -19,9 +19,7 @@ Plans = Annotated[
 
 
 def command(
-    recording: Annotated[
-        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
-    ],
+    recording: answer.RecordingName,
     plan: Plans,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,

@@ -42,10 +42,7 @@ Baseline = Annotated[
 
 
 def command(
-    recording: Annotated[
-        str | None,
-        typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`."),
-    ] = None,
+    recording: Annotated[str | None, answer.RECORDING] = None,
     simulation: Simulation = None,
     solution: Solution = None,
     baseline: Baseline = "geometry",

@@ -44,9 +44,7 @@ Later = Annotated[
 
 def command(
     solution: Solution,
-    recording: Annotated[
-        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
-    ],
+    recording: answer.RecordingName,
     refit: RefitOption = Refit.NONE,
     later: Later = False,
     out: answer.OutFolder = None,

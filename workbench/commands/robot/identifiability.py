@@ -21,9 +21,7 @@ Plan = Annotated[
 
 
 def command(
-    recording: Annotated[
-        str, typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
-    ],
+    recording: answer.RecordingName,
     plan: Plan = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,

@@ -20,6 +20,8 @@ from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 from workbench.machine.progress import at_most_every
 
+RECORDING = typer.Argument(help="Folder of a recording, or a name of `workbench datasets list`.")
+RecordingName = Annotated[str, RECORDING]
 JsonTarget = Annotated[
     str | None,
     typer.Option(

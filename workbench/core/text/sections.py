@@ -4,13 +4,35 @@ from collections.abc import Mapping
 from typing import Annotated, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from workbench.core.errors import InputError, complaint
 from workbench.core.rigid import placement
 
 Finite = Annotated[float, Field(allow_inf_nan=False, gt=-1e12, lt=1e12)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+
+
+def rising(pair: tuple[float, float]) -> tuple[float, float]:
+    """A range whose lower end comes first. Raises ValueError otherwise."""
+    if pair[0] > pair[1]:
+        raise ValueError("expected the lower one first")
+    return pair
+
+
+def _ball(ball: list[float]) -> list[float]:
+    if not ball[3] > 0.1:
+        raise ValueError("expected [x, y, z, radius] in mm with a radius above 0.1")
+    return ball
+
+
+Ball = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_ball)]
+
+
+class SceneTable(BaseModel):
+    """A table of a scene or a study, which people write by hand: whole numbers are also read as real ones."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 class Section(BaseModel):

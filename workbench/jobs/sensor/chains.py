@@ -21,9 +21,9 @@ from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import thinned
 from sensors.light.grouping import groups
-from sensors.light.mirror import NAMES, MovedMirror, on_one_branch, start_mirror
+from sensors.light.mirror import on_one_branch, start_mirror
 from sensors.light.mirror_choice import FEWEST
-from sensors.light.planes import moved
+from sensors.scanner.adjustment import stripes_at_solution
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.residuals.line_dependence import LineDependence, line_covariates
 from sensors.scanner.residuals.rejected_points import RejectedPoints
@@ -206,24 +206,15 @@ def at_solution(chains: Chains, fit: BundleFit) -> Chains:
         fit.parameters.values[: len(chains.corners.camera.values)], chains.corners.camera.size
     )
     moved_chains: dict = {"corners": chains.corners.moved(camera, fit.values["placement"])}
-    board_stripes, mirror = chains.board_stripes, None
-    if board_stripes is None:
+    if chains.board_stripes is None:
         return replace(chains, **moved_chains)
-    if board_stripes.mirror is None:
-        planes = moved(board_stripes.planes, fit.values["step"])
-    else:
-        change = MovedMirror(
-            board_stripes.mirror, np.array([fit.parameters[f"mirror.{name}"] for name in NAMES])
-        )
-        board_stripes = replace(board_stripes, angles=board_stripes.angles * change.gain)
-        mirror = change.mirror
-        planes = mirror.planes(board_stripes.angles)
-    moved_chains["board_stripes"] = board_stripes.moved(
-        camera, fit.values["placement"], planes, mirror
-    )
+    stripes = stripes_at_solution(chains.board_stripes, fit, camera)
+    moved_chains["board_stripes"] = stripes
     if chains.balls is not None:
-        balls = replace(chains.balls, angles=board_stripes.angles)
-        moved_chains["balls"] = balls.moved(camera, fit.values["ball"], planes, mirror)
+        balls = replace(chains.balls, angles=stripes.angles)
+        moved_chains["balls"] = balls.moved(
+            camera, fit.values["ball"], stripes.planes, stripes.mirror
+        )
     return replace(chains, **moved_chains)
 
 
