@@ -1,8 +1,8 @@
 """Unmodelled effects of a baseline: the most probable set of terms, searched together with the noise.
 
-In this order: is anything missing at all (a family-wise test); the likeliest set of terms (`search`); the same where
-the noise turns out to depend on a covariate, or a place to have a random effect; then findings with their
-probabilities. What the set is worth is not judged here but by nested cross-validation (`proof`).
+In this order: a family-wise test of whether the residual has any structure; the most probable set of terms; the same
+again where the noise depends on a covariate or a place has a random effect; findings with their probabilities. Nested
+cross-validation (`validation.proof`) decides afterwards which of them are retained.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,7 +46,7 @@ from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 from workbench.diagnosis.validation.folds import MAX_TESTED_SAMPLES, thinned
 
-_MANY = 1200  # samples beyond which a search takes only every so many poses
+_MANY = 1200  # samples beyond which the search uses only every second, third, ... pose
 
 
 def find(
@@ -58,8 +58,8 @@ def find(
 ) -> Found:
     """Unmodelled effects of the baseline of a bench, on `samples` (n,) bool (None: all).
 
-    first: called with the first set of terms, long before the
-    search ends. Raises what the bench's solve raises.
+    first: called with the first set of terms, long before the search ends. Raises InputError where the bench cannot
+    solve the baseline.
     """
     search = Search(bench, samples, UNMODELLED_LEVEL, progress, first=first)
     count = len(bench.pose) if samples is None else int(samples.sum())
@@ -70,7 +70,7 @@ def find(
 
 
 def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding]:
-    """The terms of `find` alone, without probabilities, alternatives and noise: what a fold of a proof asks for."""
+    """The terms of `find` without probabilities, alternatives and findings on the noise, as a fold needs them."""
     search = Search(bench, samples, UNMODELLED_LEVEL, lambda text: None, for_prediction=True)
     search.solve()
     _accept_terms(search)
@@ -79,34 +79,39 @@ def found_terms(bench: Bench, samples: np.ndarray | None = None) -> list[Finding
 
 
 def _accept_terms(search: Search) -> tuple[float, bool]:
-    """Accept the likeliest set with the noise of the samples; the p-value of no term, and whether a place moves."""
-    first = _test_and_search(search, thorough=False)
+    """Accept the most probable set of terms together with the noise model.
+
+    Returns the p-value of a residual without structure, and whether a place has a random effect.
+    """
+    p_no_structure = _test_and_search(search, thorough=False)
     search.noise_factors = relative_noise(search.problem.conditional_on())
     if search.noise_factors is not None:
-        # noise that grows with a covariate passes for a function of it
+        # noise that grows with a covariate is mistaken for a function of it
         search.log_step("the noise is not the same everywhere")
-        first = _repeat_search(search)
+        p_no_structure = _repeat_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
-    moving = _prefer_random_effect(search)
-    if not moving:
+    has_random_effect = _prefer_random_effect(search)
+    if not has_random_effect:
         search.random_effect = _significant_random_effect(search)
-        moving = search.random_effect is not None
-    if moving and is_rounding(search.random_effect.site):
+        has_random_effect = search.random_effect is not None
+    if has_random_effect and is_rounding(search.random_effect.site):
         search.log_step("the readings are rounded")
-        first = _repeat_search(search)
-    elif moving and search.accepted:  # movement by chance also passes for laws
+        p_no_structure = _repeat_search(search)
+    elif has_random_effect and search.accepted:  # random displacements are also mistaken for laws
         search.log_step(f"{search.random_effect.site.where} moves from sample to sample")
-        search.level = RANDOM_EFFECT_LEVEL  # how much it moves is only known nearly
-        first = _repeat_search(search)
-    return first, moving
+        search.level = (
+            RANDOM_EFFECT_LEVEL  # the size of a random effect is only known approximately
+        )
+        p_no_structure = _repeat_search(search)
+    return p_no_structure, has_random_effect
 
 
 def _found(search: Search) -> Found:
-    """The likeliest set on the search's samples, as findings with their probabilities, and the noise."""
+    """The most probable set on the search's samples, as findings with their probabilities, and the noise."""
     level, before = search.level, search.stated_noise_problem
     places = located(search.problem, search.table(()))
-    first, moving = _accept_terms(search)
+    p_no_structure, has_random_effect = _accept_terms(search)
     exchange_terms(search)
     names = effect_posteriors(search)
     findings_of_terms = [
@@ -114,49 +119,47 @@ def _found(search: Search) -> Found:
         for i in search.accepted_indices
     ]
     findings = tuple(with_special_cases(findings_of_terms))
-    remainder = family_wise(search.table(search.accepted_indices))
+    remaining = search.table(search.accepted_indices)
+    p_remainder = family_wise(remaining)
     after = search.converged().conditional_on()
     outliers, data = find_data_faults(after, [e for h in search.accepted for e in h.effects])
     if search.random_effect:
         data = ()
-    elif remainder <= level:  # noise is judged where little is left
-        data = tuple(f for f in data if f.p_value < remainder)
+    elif p_remainder <= level:  # the noise can be judged only where little structure remains
+        data = tuple(f for f in data if f.p_value < p_remainder)
     if any(h.smooth_covariates for h in search.accepted):
         outliers, data = _data_findings_with_functions(search, after, outliers, data)
-    if moving:
+    if has_random_effect:
         data, places = _with_random_effect(search, before, data, places)
-        first = min(first, search.random_effect.p_value)
+        p_no_structure = min(p_no_structure, search.random_effect.p_value)
     data = (*_rounded(search, after), *data)
-    remainder_places = located(
-        search.problem.conditional_on(), search.table(search.accepted_indices)
-    )
     return Found(
-        findings,
-        before,
-        after,
-        first,
-        remainder,
-        places,
-        remainder_places,
-        outliers,
-        data,
-        tuple(search.history),
+        findings=findings,
+        before=before,
+        after=after,
+        p_first=p_no_structure,
+        p_remainder=p_remainder,
+        located=places,
+        remainder=located(search.problem.conditional_on(), remaining),
+        outliers=outliers,
+        noise_findings=data,
+        history=tuple(search.history),
     )
 
 
 def _rounded(search: Search, after: Problem) -> tuple[Finding, ...]:
-    """Findings of the rounding of readings, where it makes what moves from sample to sample."""
-    moves = search.random_effect or find_random_effect(after, RANDOM_EFFECT_LEVEL)
-    if moves is None or not is_rounding(moves.site):
+    """Findings of rounded readings, where rounding is the random effect."""
+    effect = search.random_effect or find_random_effect(after, RANDOM_EFFECT_LEVEL)
+    if effect is None or not is_rounding(effect.site):
         return ()
-    return rounded_readings(after, moves.p_value)
+    return rounded_readings(after, effect.p_value)
 
 
 def _data_findings_with_functions(search: Search, after: Problem, outliers, data):
-    """Outliers and findings on the data where smooth nonparametric functions are accepted, which are only nearly right.
+    """Outliers and findings on the data where smooth nonparametric functions are accepted, which are approximations.
 
-    What such a function leaves is not the same everywhere, and lies far off where it bends sharply: only outliers that
-    hold more than what it may miss are outliers.
+    The residual of such a function varies from place to place and is large where its curvature is large. Outliers are
+    therefore reported only if their sum of squares exceeds the share of the function that may be wrong.
     """
     gain_of_functions = sum(
         search.conditional_gain(i)[0]
@@ -173,24 +176,24 @@ def _data_findings_with_functions(search: Search, after: Problem, outliers, data
 
 
 def _repeat_search(search: Search) -> float:
-    """As `_test_and_search`, with the noise as it is known by now: from the set that is accepted."""
+    """As `_test_and_search`, with the present noise model, from the set that is accepted."""
     search.solve()
     return _test_and_search(search)
 
 
 def _test_and_search(search: Search, thorough: bool = True) -> float:
-    """The chance that nothing is missing; where it is small, the likeliest set of terms is accepted."""
-    first = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
-    if first <= search.level:
+    """The p-value of a residual without structure; where it is small, the most probable set of terms is accepted."""
+    p_no_structure = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
+    if p_no_structure <= search.level:
         accept_most_probable_set(search, thorough)
     elif search.accepted:
         search.accepted = ()
         search.solve()
-    return first
+    return p_no_structure
 
 
 def _significant_random_effect(search: Search) -> RandomEffect | None:
-    """The place with a random effect, unless what is left has a law, though not a known one."""
+    """The place with a random effect, unless a law or a smooth function explains the residual more significantly."""
     found = find_random_effect(search.problem.conditional_on(), RANDOM_EFFECT_LEVEL)
     if found is None or found.p_value > family_wise(search.table(search.accepted_indices)):
         return None
@@ -198,7 +201,7 @@ def _significant_random_effect(search: Search) -> RandomEffect | None:
 
 
 def _with_random_effect(search: Search, before: Problem, data, places):
-    """Findings on the data and places with a random effect, unless a finding there says more of it."""
+    """Findings on the data and places, with the random effect unless an accepted term already explains it."""
     is_known = is_rounding(search.random_effect.site)
     if is_known or any(
         h.smooth_covariates or explains_movement(search, h) for h in search.accepted
@@ -210,7 +213,7 @@ def _with_random_effect(search: Search, before: Problem, data, places):
 
 
 def _prefer_random_effect(search: Search) -> bool:
-    """Whether a random effect, at a place without a smooth alternative, is likelier than all of these."""
+    """Whether a random effect, at a place without a smooth alternative, is more probable than all of these."""
     unknown = [h.where for h in search.accepted if h.smooth_covariates]
     laws = tuple(i for i in search.accepted_indices if not search.accepted[i].smooth_covariates)
     bare, full = search.problem.conditional_on(laws), search.problem.conditional_on()
@@ -225,7 +228,7 @@ def _prefer_random_effect(search: Search) -> bool:
 
 
 def _search_on_subset(search: Search, samples) -> Found:
-    """The search on every so many poses, which is as valid and quicker; what is left is judged on more of them."""
+    """The search on a part of the poses, which is as valid and faster; the remainder is judged on more of them."""
     bench = search.bench
     before = bench.problem((), samples, hypotheses=False)
     used = np.ones(len(bench.pose), bool) if samples is None else samples
@@ -242,7 +245,7 @@ def _search_on_subset(search: Search, samples) -> Found:
     ).conditional_on()
     table = ranked_hypotheses(remainder)
     outliers, spread = find_data_faults(after, effects)
-    # where functions are accepted, as the part has it, on which laws and functions were judged
+    # where functions are accepted, the noise findings are those of the part on which the functions were judged
     if any(f.effect == "unknown" for f in found.findings):
         spread = tuple(
             f

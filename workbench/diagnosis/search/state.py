@@ -1,4 +1,4 @@
-"""A search under way: what is accepted so far, the problem solved with it, and all else judged conditional on it."""
+"""State of a search: the accepted hypotheses, the problem solved with them, the others ranked conditional on them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -21,13 +21,13 @@ from workbench.diagnosis.search.options import with_exact_options
 class Search:
     """`accepted` hypotheses and the `problem` solved with them, on `samples` (n,) bool (None: all).
 
-    `level`: chance of a false alarm on the whole search. `random_effect`: the random effect of the model, `spread` (n,)
-    how far each sample's noise is spread: all is judged conditional on them. `history`: a line for each step.
-    `infeasible`: names of hypotheses whose fitted values no machine has.
-    `screened`: what is likely with no other term, under this noise; judged at the first solution, as it hardly changes
-    after that. `screening_conditions`: spread, random effect and whether a compliance is accepted, for which it holds.
-    `always_listed`: hypotheses that every table holds, however unlikely they are. `first`: called with the first terms.
-    `for_prediction`: whether only what the accepted hypotheses predict counts, as in a fold, and not their names.
+    `level`: probability of a false alarm of the whole search. The noise model: `noise_factors` (n,) of the stated sigma
+    of each sample, and the `random_effect` of a place; `stated_noise_problem` is the problem without it. `tables`:
+    hypotheses ranked conditional on some of the accepted ones, by their numbers. `history`: a line for each step.
+    `infeasible`: names of hypotheses with fitted values that no machine has. `screened`: hypotheses that are probable
+    without any other term, ranked once for the noise model and compliances in `screening_conditions`.
+    `always_listed`: hypotheses in every table, however improbable. `first`: called with the first terms.
+    `for_prediction`: whether only predictions matter, as in a fold, and not the names of the terms.
     """
 
     bench: Bench
@@ -56,12 +56,12 @@ class Search:
         self.log_step("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
 
     def log_step(self, line: str):
-        """A line for the trail and for whoever waits."""
+        """Add a line to the history and report it as progress."""
         self.history.append(line)
         self.progress(line)
 
     def solve(self):
-        """Everything solved with what is accepted; tables of before are void."""
+        """Solve the bench with the accepted hypotheses and discard the tables of the previous solution."""
         effects = [e for h in self.accepted for e in h.effects]
         if not self._is_solved_with(effects):
             self.stated_noise_problem = self.bench.problem(effects, self.samples)
@@ -81,16 +81,16 @@ class Search:
         self.tables = {}
 
     def solve_feasible(self):
-        """`solve`; what no machine has is no longer searched, and all is solved without it.
+        """Solve, and exclude hypotheses with physically impossible values from the search.
 
         A constant load of negative mass is an error of the masses or laws of the compliances, not a load. A negative
-        compliance stands for something else: a spring, or an error of the masses.
+        compliance is the effect of something else: a spring, or an error of the masses.
         """
         self.solve()
-        while lost := self._negative_compliances() or self._negative_loads():
-            self.infeasible |= {name_of(h) for h in lost}
+        while negative := self._negative_compliances() or self._negative_loads():
+            self.infeasible |= {name_of(h) for h in negative}
             self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.infeasible)
-            self.log_step("; ".join(f"{h.effect} at {h.where}: it is negative" for h in lost))
+            self.log_step("; ".join(f"{h.effect} at {h.where}: it is negative" for h in negative))
             self.solve()
 
     def _negative_loads(self) -> list[Hypothesis]:
@@ -118,7 +118,7 @@ class Search:
         return float(self.problem.values[i][0] * length / np.sqrt(self.variance()))
 
     def converged(self) -> Problem:
-        """The problem about a complete solution: the search itself needs none, but single samples are judged by it."""
+        """The problem linearised at a converged solution, which judging single samples needs; the search does not."""
         effects = self.stated_noise_problem.effects
         self.bench.solve(effects, self.samples)
         return self.bench.problem(effects, self.samples, hypotheses=False)
@@ -149,16 +149,16 @@ class Search:
         }
 
     def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
-        """Everything that has room next to those accepted whose numbers are kept, judged there.
+        """Hypotheses that are compatible with the accepted ones numbered `kept`, ranked conditional on these.
 
-        Without what acts through an accepted compliance that is not kept: its columns would stand in for that.
+        Without hypotheses that act through an accepted compliance that is not kept: they would replace it.
         """
         carriers = {i for i in self.accepted_indices if self.accepted[i].carries_load}
         table = self.full_table(kept)
         return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
 
     def full_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
-        """As `table`, with all that acts through compliances."""
+        """As `table`, including all hypotheses that act through compliances."""
         if kept not in self.tables:
             required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
             conditions = [self.accepted[i] for i in kept]
@@ -189,10 +189,11 @@ class Search:
         return next((h for h in table if name_of(h) == name), table[0])
 
     def alternatives(self, i: int) -> list[Hypothesis]:
-        """All that may stand in the place of an accepted one, itself included, judged at one solution.
+        """Hypotheses that may replace an accepted one, itself included, all compared at the same solution.
 
-        What acts through compliances is a product with them. About the solution with it, these have the values that
-        need it, and all others seem to gain what it makes: the solution without it compares like with like.
+        An effect that acts through compliances is multiplied by them. In the solution with it, the compliances have
+        values that require it, and every other hypothesis seems to gain its contribution. The hypotheses are therefore
+        compared at the solution without it.
         """
         accepted = self.accepted[i]
         if not accepted.needs_compliance:
@@ -218,7 +219,7 @@ class Search:
         )
 
     def unexplained_gain(self) -> float:
-        """Gain of the best function of what is left, where that is beyond chance."""
+        """Gain of the best smooth function of the remainder; 0 where it is not significant."""
         table = self.table(self.accepted_indices)
         if family_wise(table) > self.level:
             return 0.0
@@ -228,7 +229,7 @@ class Search:
         )
 
     def explained(self) -> float:
-        """Fall of the sum of squares by all that is accepted."""
+        """Reduction of the whitened sum of squares by all accepted hypotheses together."""
         full, bare = self.problem.conditional_on(), self.problem.conditional_on(())
         return float(
             (bare.orthogonalise(bare.residual) ** 2).sum()
@@ -236,7 +237,7 @@ class Search:
         )
 
     def variance(self) -> float:
-        """Variance of a whitened coordinate that is left."""
+        """Residual variance of a whitened coordinate; 1 where the stated noise is right."""
         full = self.problem.conditional_on()
         return float((full.orthogonalise(full.residual) ** 2).sum()) / max(full.degrees, 1)
 

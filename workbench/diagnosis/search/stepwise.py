@@ -13,8 +13,8 @@ from workbench.diagnosis.search.prior import is_elastic
 LAW = 0.95
 """Share of what smooth nonparametric functions explain that laws must explain: no law is exact."""
 _MAX_TERMS, _MAX_SMOOTH = 15, 2
-"""Terms in a set, and smooth nonparametric functions among them, at most. The posterior usually ends a set long before.
-Of a real arm whose error curves leave ever smaller waves, 18 terms take three times as long to find as 15."""
+"""Terms in a set, and smooth nonparametric functions among them, at most. The posterior usually stops growing before.
+Of a real arm with error curves of ever smaller waves, 18 terms take three times as long to find as 15."""
 _LEAST_RISE = 1e-6
 """Of the log posterior: less is rounding, by which moves would go in circles."""
 
@@ -26,7 +26,7 @@ class Stepwise:
     objective: LogPosterior
 
     def most_probable_set(self, present: Members = ()) -> Members:
-        """The likeliest set.
+        """The set with the highest log posterior that is reached.
 
         Where laws explain `LAW` of what smooth functions do, the remainder is the model error of the laws and is
         ignored: the simpler of the two is taken.
@@ -43,7 +43,7 @@ class Stepwise:
         return free
 
     def _most_probable_laws(self, present: Members) -> Members:
-        """The likeliest set of laws, searched without the many columns of functions."""
+        """The most probable set of laws, searched without the many columns of smooth functions."""
         laws = np.flatnonzero(~self.objective.is_smooth)
         alone = Stepwise(self.objective.among(laws))
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
@@ -52,10 +52,10 @@ class Stepwise:
         return tuple(int(laws[i]) for i in alone._best(starts))
 
     def with_all_joints(self, members: Members) -> Members:
-        """A set with the compliances of all joints in the place of its elastic terms, as far as they are terms.
+        """A set whose elastic terms are replaced by the compliances of all joints, as far as they are candidates.
 
-        All joints of an arm deflect under the same links, so that a harmonic and a bent link together may make what
-        two joints do: exchanges of single terms do not lead from one pair to the other.
+        All joints of an arm deflect under the same links, so that a harmonic and a compliant link together may imitate
+        two compliant joints. Exchanges of single terms do not lead from one pair to the other.
         """
         objective = self.objective
         usual = objective.priors.is_usual
@@ -66,7 +66,7 @@ class Stepwise:
         return tuple(exchanged) if usual.any() else members
 
     def climb(self, members: Members) -> Members:
-        """The set that moves from a given one lead to, each of which raises its log posterior most."""
+        """The local maximum that is reached from a set by the moves that raise the log posterior most."""
         value = self.objective.value(members)
         while True:
             reached, best = self._best_move(members, value)
@@ -79,7 +79,7 @@ class Stepwise:
         return max(ends, key=self.objective.value, default=())
 
     def _best_move(self, members: Members, value: float) -> tuple[float, Members]:
-        """The likeliest set with one term more, and where that is no likelier, with one less or another."""
+        """The best set with one term more; where that is not better, the best with one term less or exchanged."""
         objective = self.objective
         top = (-np.inf, members)
         if len(members) < _MAX_TERMS:
