@@ -326,7 +326,7 @@ def test_a_robot_from_a_table_without_convention(header, factor, length, truth, 
     rows = np.column_stack([degrees(truth), truth.points])
     path = write_table(tmp_path / "t.csv", [*JOINTS, "X", "Y", "Z"], *rows)
     made = import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
-    assert made.recording.robot["convention"] == "distal"
+    assert made.recording.robot["convention"] == "standard"
     check(made.recording, truth)
     nominal = load_robot("abb_irb120").geometry
     np.testing.assert_allclose(load_robot(made.recording.robot).geometry, nominal, atol=1e-4)
@@ -342,7 +342,7 @@ def test_a_table_of_an_arm_that_fits_in_no_convention_is_refused(truth, tmp_path
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
     rows = np.column_stack([degrees(truth), np.random.default_rng(4).permutation(truth.points)])
     path = write_table(tmp_path / "t.csv", names, *rows)
-    with pytest.raises(InputError, match="found none.*convention craig.*no single mistake"):
+    with pytest.raises(InputError, match="found none.*convention modified.*no single mistake"):
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
 
 
@@ -381,7 +381,7 @@ def test_a_mistake_of_the_data_is_found_under_an_open_convention(mistake, truth,
     }
     with pytest.raises(InputError, match=expected[mistake]) as refusal:
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(table)))
-    assert "fits under convention distal" in str(refusal.value)
+    assert "fits under convention standard" in str(refusal.value)
     assert "t.csv" in str(refusal.value)
 
 
@@ -401,7 +401,7 @@ def test_cells_with_joint_variables_and_fractions_of_pi(header, tmp_path):
         ["3", "0", "270", "0", "q3"],
     )
     (keys,) = read_dh_table(path)
-    assert keys["convention"] == "craig"
+    assert keys["convention"] == "modified"
     assert [joint["alpha_deg"] for joint in keys["joint"]] == [0.0, -90.0, 0.0]
     assert [joint["theta_deg"] for joint in keys["joint"]] == [0.0, -90.0, 0.0]
 

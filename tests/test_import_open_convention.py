@@ -33,7 +33,7 @@ def robot_file(tmp_path_factory):
 def true_arm(robot_file, rng) -> TrueArm:
     """The arm of the table in the standard convention, with small errors of its geometry."""
     titles = robot_candidates(str(robot_file), "rows")
-    keys = next(keys for title, keys in titles.items() if "distal" in title)
+    keys = next(keys for title, keys in titles.items() if "standard" in title)
     return TrueArm.of(load_robot(keys, "arm"), rng, length_mm=0.1, angle_deg=0.01)
 
 
@@ -67,7 +67,7 @@ def test_columns_exchanged_from_a_row_on_are_named(robot_file, tmp_path):
     rows = rows_of_a_tracker(robot_file, 50)
     rows[25:, [6, 7]] = rows[25:, [7, 6]]
     with pytest.raises(
-        InputError, match="exchanged columns in rows 27 to 51.*under convention distal"
+        InputError, match="exchanged columns in rows 27 to 51.*under convention standard"
     ):
         imported(tmp_path, robot_file, rows)
 
@@ -77,14 +77,14 @@ def test_a_left_handed_sensor_frame_is_named_without_units(robot_file, tmp_path)
     rows[:, 8] *= -1
     header = [*(f"J{k}" for k in range(1, 7)), "ball_x", "ball_y", "ball_z"]
     path = write_rows(tmp_path / "rows.csv", header, rows)
-    with pytest.raises(InputError, match="left-handed.*under convention distal"):
+    with pytest.raises(InputError, match="left-handed.*under convention standard"):
         import_recording([path], tmp_path / "out", ImportOptions(robot=str(robot_file)))
 
 
 def test_few_rows_decide_the_convention_with_base_and_tool_alone(robot_file, tmp_path):
     made = imported(tmp_path, robot_file, rows_of_a_tracker(robot_file, 9), trust_data=True)
     assert any("rows are too few to test it with geometry errors" in text for text in made.warnings)
-    assert made.recording.robot["convention"] == "distal"
+    assert made.recording.robot["convention"] == "standard"
 
 
 def test_the_message_says_how_to_state_the_convention(robot_file, tmp_path):

@@ -50,8 +50,8 @@ BROKEN = {
     "no convention": ('convention = "distal"', "", ["key convention", "missing"]),
     "odd convention": (
         '"distal"',
-        '"standard"',
-        ["key convention", "'distal' or 'craig'", "'standard'"],
+        '"proximal"',
+        ["key convention", "'standard', 'modified'", "'proximal'"],
     ),
     "unknown key": ("[payload]", "[paylood]", ["key paylood", "payload"]),
     "unknown joint key": ("sign = -1", "sing = -1", ["joint 2", "key sing", "did you mean sign?"]),

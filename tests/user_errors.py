@@ -89,7 +89,7 @@ MISTAKES = (
     Mistake("instrument set up again midway", _MOVED, changes.set_up_again(700.0, 50.0), EXTERNAL),
     Mistake("target or sensor slipped midway", _MOVED, changes.moved("tool", 3.0, 0.4)),
     Mistake("file of another robot", ("robot-file",), changes.other_robot),
-    Mistake("craig instead of distal", ("convention",), changes.convention),
+    Mistake("modified instead of standard convention", ("convention",), changes.convention),
     Mistake("one link length off by a quarter", ("geometry", "robot-file"), changes.link),
     Mistake("sigma 1000 times too large", ("sigma",), changes.sigma(1000)),
     Mistake("sigma in m", ("sigma",), changes.sigma(0.001)),

@@ -23,8 +23,8 @@ classes of the effects.
 ## Conventions
 
 - **Frames.** Frame 0 is the base frame of the robot (of a URDF, or with `[base]` in the robot file: the frame on its
-  first axis). Frame K follows the complete row K of the robot file, in the convention "distal" as in "craig". J is
-  the number of joints.
+  first axis). Frame K follows the complete row K of the robot file, in the standard convention as in the modified
+  one. J is the number of joints.
 - **Joint variable** q_K, in rad (mm for a prismatic joint): sign and coupling of the robot file are applied to the
   readings; the offset theta is not added. A change dq is added to it, at the port `joint`.
 - **Gravity torque** tau_K, in N m: torque of the bodies K to J and the load about the axis of joint K, at the nominal

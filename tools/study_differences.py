@@ -218,41 +218,41 @@ def write(rows: list[Scene], table: Path) -> None:
 
 _PAGE = """# Parameters, noise and physics: attribution of simulated differences
 
-{count} arms differ from their simulation in parameters of the geometry, in the noise, in physics that the simulation
-does not hold, or in several of these. The arms are solved by MuJoCo (`datasets/makers/planted.py`), which shares no
-code with the kinematics and statics of the workbench. Three robots (0.6, 0.7 and 2.7 m reach), 130 poses, a load that
-changes, noise of 0.02 or 0.05 mm. Each recording is diagnosed against the nominal simulation (`workbench diagnose REC
---simulation nominal.xml`), the corrected model is exported as MJCF, and MuJoCo runs the exported file at {unseen} poses
-that the recording does not have. `python tools/study_differences.py` writes this page; `differences.csv` has a row a
-scene. The seeds of each population were fixed before its run; the diagnosis had seen none of them, and each scene was
-run once.
+{count} simulated arms differ from the simulation that is compared with them: in parameters of the geometry, in the
+noise, in physics that the simulation does not contain, or in several of these. MuJoCo computes their poses
+(`datasets/makers/planted.py`); it shares no code with the kinematics and statics of the workbench. There are three
+robots (0.6, 0.7 and 2.7 m reach), 130 poses, a load that changes, and noise of 0.02 or 0.05 mm. Each recording is
+diagnosed against the nominal simulation (`workbench diagnose REC --simulation nominal.xml`), the corrected model is
+exported as MJCF, and MuJoCo runs the exported file at {unseen} poses that the recording does not contain. `python
+tools/study_differences.py` writes this page; `differences.csv` has one row for each scene. The seeds of each
+population were fixed before its run. The diagnosis was not developed on these scenes, and each was run once.
 
-![Noise factor that was found against the planted one](../images/differences.png)
+![Estimated noise factor over the planted one](../images/differences.png)
 
-Effects are joint compliance, backlash, a transmission harmonic and a shift of a joint's zero. Bending of links is not
-among them: MuJoCo's arm hangs the mass of a link beyond its flexure, the law of the workbench before it.
+Effects are joint compliance, backlash, a transmission harmonic and a shift of a joint's zero. Link bending is not
+among them: in MuJoCo's arm the mass of a link is beyond its flexure, in the equation of the workbench before it.
 
 {figures}
 
-| planted | scenes | right | largest prediction over noise |
+| planted differences | scenes | attributed correctly | largest prediction over noise |
 |---|---|---|---|
 {rows}
 
-Scenes that were not attributed as they are:
+Scenes that were attributed wrongly:
 
 {faults}
 {remark}"""
 _AFTERWARDS = """
 The causes of the three faults of the first population were removed before the second was run. In scene 1126028 two
 samples next to the instant of the shift were called outliers, and the instant was 20 s late. In scenes 1126003 and
-1126042 structure was called unexplained that chance makes (p = 0.008 and 0.007).
+1126042 random structure (p = 0.008 and 0.007) was reported as unexplained.
 
 In scenes 3126036 and 3126045 joint 3 has a harmonic of one cycle per revolution, and the poses cover 128 and 116
-degrees of it. There it resembles an offset of the joint and a smooth curve. The curve is named, and the offset is taken
-for a parameter that differs. The Bayesian information criterion of all parameters and terms together is lower by 2 and
-by 33 for the planted terms, since they need no parameter that differs from the simulation. The search for terms does
-not use this: it estimates the geometry without the knowledge that most of it is as in the simulation. The table keeps
-what each run found.
+degrees of it. There it resembles an offset of the joint and a smooth curve. The diagnosis reports the curve, and the
+offset as a parameter that differs. The Bayesian information criterion of all parameters and terms together is lower
+by 2 and by 33 for the planted terms, since they need no parameter that differs from the simulation. The search for
+terms does not use this: it estimates the geometry without the prior knowledge that most of it equals the simulation.
+The table shows the result of each run.
 """
 
 
@@ -280,33 +280,33 @@ def _figures(groups: list[list[Scene]]):
     """Lines of the table of figures, a column a population."""
     heads = [f"seeds {own[0].seed} to {own[-1].seed}" for own in groups]
     columns = [_cells(own) for own in groups]
-    yield f"| | {' | '.join(heads)} | wanted |"
+    yield f"| | {' | '.join(heads)} | criterion |"
     yield "|---|" + "---|" * (len(heads) + 1)
-    for name, (_, wanted) in columns[0].items():
-        yield f"| {name} | {' | '.join(column[name][0] for column in columns)} | {wanted} |"
+    for name, (_, criterion) in columns[0].items():
+        yield f"| {name} | {' | '.join(column[name][0] for column in columns)} | {criterion} |"
 
 
 def _cells(rows: list[Scene]) -> dict[str, tuple[str, str]]:
-    """Name of a figure -> its text of one population, and what is wanted."""
+    """Name of a figure -> its text of one population, and its acceptance criterion."""
     some = [row for row in rows if row.parameters or row.physics]
     count, prediction = len(rows), np.array([row.prediction for row in rows])
     right = np.array([row.is_right for row in rows])
     factor = sum(abs(row.found_factor / row.factor - 1) < 0.1 for row in rows)
     near, near_some = int((prediction <= 1.1).sum()), sum(row.prediction <= 1.1 for row in some)
     first_wrong = sum(len(row.wrong_names) for row in some[:30])
-    attributed = "scenes attributed as they are: parameters, physics, noise"
+    attributed = "scenes attributed correctly: parameters, physics, noise"
     exported = "exported model predicts unseen poses within 1.1 times the noise"
     return {
         attributed: (f"{right.sum()} of {count} ({right.mean():.1%})", "95 %"),
         "noise factor within 10 %": (f"{factor} of {count}", "all"),
-        "scenes with a wrong name": (f"{sum(bool(row.wrong_names) for row in rows)}", ""),
+        "scenes with a wrong finding": (f"{sum(bool(row.wrong_names) for row in rows)}", ""),
         "scenes in which a difference was missed": (f"{sum(bool(row.missed) for row in rows)}", ""),
         exported: (f"{near} of {count}", "27 of 30"),
         "the same, differences in parameters or physics": (
             f"{near_some} of {len(some)}",
             "27 of 30",
         ),
-        "wrong names in the first 30 of these": (f"{first_wrong}", "at most 1"),
+        "wrong findings in the first 30 of these": (f"{first_wrong}", "at most 1"),
         "prediction over noise: median": (f"{np.median(prediction):.3f}", ""),
         "prediction over noise: largest": (f"{prediction.max():.3f}", "1.1"),
     }

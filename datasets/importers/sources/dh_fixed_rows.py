@@ -89,7 +89,7 @@ def _placement(rows: Sequence[Mapping], convention: str) -> dict:
     for row in rows:
         joint = _screw("z", row["theta_deg"], row["d_mm"])
         link = _screw("x", row["alpha_deg"], row["a_mm"])
-        pose = pose @ (joint @ link if convention == "distal" else link @ joint)
+        pose = pose @ (joint @ link if convention == "standard" else link @ joint)
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", degrees=True)
     # adding 0 makes -0 and 0 the same
     return {

@@ -1,8 +1,8 @@
 """A Denavit-Hartenberg table as text or spreadsheet: the nominal kinematics of a robot that has no robot.toml.
 
 One row per joint, and fixed rows at either end (`dh_fixed_rows`), with theta (offset), d, a and alpha, in any order and
-with any usual header. Units come from the headers, else from the numbers. The convention (`distal`, or `craig`, the
-modified one) follows from headers such as "alpha i-1", else both are returned, and the measurements decide. A theta
+with any usual header. Units come from the headers, else from the numbers. The convention (`standard` or `modified`)
+follows from headers such as "alpha i-1" or the file name, else both are returned, and the measurements decide. A theta
 with the variable of another joint ("q3 - q2 - 90") couples the two; "-q1" is a joint that rotates the other way.
 """
 
@@ -25,7 +25,7 @@ from datasets.recording_files.arms import check_robot
 DH_TABLE = "Denavit-Hartenberg table"
 """First words of the source of a robot from such a table."""
 EXTENSIONS = (".csv", ".tsv", ".txt", ".xlsx")
-CONVENTIONS = ("distal", "craig")
+CONVENTIONS = ("standard", "modified")
 
 _INDEX = r"(?:(?:i|k|j|n)?(?:m?1)?|prev|previous)"
 _COLUMNS = {
@@ -57,7 +57,7 @@ def is_dh_table(path: Path) -> bool:
 
 
 def read_dh_table(path: Path) -> list[dict]:
-    """Keys of a robot.toml for every convention that the table may have, `distal` before `craig`.
+    """Keys of a robot.toml for every convention that the table may have, `standard` before `modified`.
 
     Raises InputError where a column is missing, a cell is no number, or the unit of the angles is open.
     """
@@ -279,8 +279,8 @@ def _conventions(path: Path, columns: Mapping[str, Header]) -> tuple[str, ...]:
     stated = path.stem.lower()
     is_previous = any(_PREVIOUS.search(columns[name].name.lower()) for name in ("a", "alpha"))
     if is_previous or any(word in stated for word in _MODIFIED):
-        return ("craig",)
-    return ("distal",) if any(word in stated for word in _STANDARD) else CONVENTIONS
+        return ("modified",)
+    return ("standard",) if any(word in stated for word in _STANDARD) else CONVENTIONS
 
 
 def _robot(path: Path, joints: list[dict], convention: str, ends: Mapping[str, dict]) -> dict:

@@ -4,13 +4,16 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, StringConstraints, ValidationError, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, ValidationError, model_validator
 
 from workbench.core.errors import InputError, complaint
 from workbench.core.text.key_names import closest_key
 from workbench.core.text.sections import Finite, Placement, Section, Vector
 
 Text = Annotated[str, StringConstraints(min_length=1)]
+CONVENTIONS = {"distal": "standard", "craig": "modified"}
+"""Denavit-Hartenberg conventions: names in the code, which robot files may also have, and the usual ones."""
+_NAMES = {usual: name for name, usual in CONVENTIONS.items()}
 Range = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 
 
@@ -75,7 +78,10 @@ class RobotFile(Section):
     """The whole file."""
 
     name: Text
-    convention: Literal["distal", "craig"]
+    convention: Annotated[
+        Literal["standard", "modified", "distal", "craig"],
+        AfterValidator(lambda stated: _NAMES.get(stated, stated)),
+    ]
     source: str = ""
     gravity: Vector = Field(default_factory=lambda: [0.0, 0.0, -1.0])
     joint: Annotated[list[Joint], Field(min_length=1)]

@@ -54,7 +54,8 @@ def _check_build(arm: CalibratedArm) -> None:
     if not is_ur:
         raise wrong(
             "--to ros",
-            "an arm of Universal Robots: six joints in the distal convention with twists 90, 0, 0, 90, -90 deg",
+            "an arm of Universal Robots: six joints in the standard Denavit-Hartenberg convention with twists 90, 0, "
+            "0, 90 and -90 deg",
             robot.name,
             "export it with --to urdf",
         )

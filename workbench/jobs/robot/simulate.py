@@ -221,7 +221,7 @@ def _poses(scene: Scene, robot: Robot, rng, path) -> tuple[np.ndarray, np.ndarra
         or robot.mixing.shape != (robot.joints,) * 2
     ):
         raise InputError(
-            f"scene {path}, key robot: a ball-centre scene needs an arm in the distal convention whose joints all "
+            f"scene {path}, key robot: a ball-centre scene needs an arm in the standard convention whose joints all "
             f"turn and have a reading, found '{robot.name}'; choose another arm or measures"
         )
     try:

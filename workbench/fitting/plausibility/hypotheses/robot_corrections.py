@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from robot_model.files.loading import builtin_robots, load_robot
+from workbench.core.robot_files.robot_file import CONVENTIONS
 from workbench.fitting.plausibility.hypotheses.corrections import Correction, listed
 
 ROBOT = "robot"
@@ -23,8 +24,8 @@ def robot_corrections(robot) -> Iterator[Correction]:
     yield Correction(
         "convention",
         f"robot file of '{robot.name}', key convention,",
-        f"is '{robot.convention}' instead of '{other}'",
-        f'write convention = "{other}"',
+        f"is '{CONVENTIONS[robot.convention]}' instead of '{CONVENTIONS[other]}'",
+        f'write convention = "{CONVENTIONS[other]}"',
         frozenset({ROBOT}),
         _with_convention(other),
     )
