@@ -21,9 +21,9 @@ from datasets.samples.columns import (
     POINT,
     QUATERNION,
     Kind,
+    intended_column,
     joint_columns,
     joint_number,
-    meant,
 )
 from workbench.core.vocabulary import Covariate
 
@@ -68,7 +68,7 @@ def has_columns(table: Table, context: Context) -> None:
 def _has(table: Table, name: str, context: Context) -> None:
     if name in table.columns:
         return
-    near = next((c for c in table.columns if meant(c) == name), None)
+    near = next((c for c in table.columns if intended_column(c) == name), None)
     do = (
         f"convert {near} and rename it to {name}"
         if near
@@ -82,7 +82,7 @@ def joints_are_named(table: Table, context: Context) -> None:
     """Joint columns run from 1 without a gap and carry their unit."""
     names = joint_columns(table.columns)
     for name in table.columns:
-        if (near := meant(name)) and near.startswith("q"):
+        if (near := intended_column(name)) and near.startswith("q"):
             raise complaint(
                 f"{table.called}, column {name}",
                 f"a joint reading called {near}",
@@ -113,11 +113,13 @@ def flange_is_whole(table: Table, context: Context) -> None:
     No flange stays within 10 mm of the base of its arm: such numbers are metres.
     """
     near = [
-        name for name in table.columns if name in FLANGE or (meant(name) or "").startswith("flange")
+        name
+        for name in table.columns
+        if name in FLANGE or (intended_column(name) or "").startswith("flange")
     ]
     missing = [name for name in FLANGE if name not in table.columns]
     if near and missing:
-        other = next((name for name in near if meant(name) == missing[0]), None)
+        other = next((name for name in near if intended_column(name) == missing[0]), None)
         do = (
             f"convert {other} and rename it to {missing[0]}"
             if other

@@ -110,7 +110,7 @@ def joint_number(column: str) -> int:
     return int(_JOINT.fullmatch(column)[1])
 
 
-def meant(column: str) -> str | None:
+def intended_column(column: str) -> str | None:
     """The column that a name without its unit, or with another one, was probably meant to be."""
     if m := re.fullmatch(r"[qj](?:oint)?_?(\d+)(?:_?(?:rad|m|degrees?|deg|mm))?", column.lower()):
         return None if _JOINT.fullmatch(column) else f"q{m[1]}_deg"

@@ -256,7 +256,7 @@ class MjcfTree(Tree):
         return sites or leaves
 
     def inertial(self, link: str) -> tuple[float, np.ndarray]:
-        """kg of a link and its centre (3,) in the root frame at zero, mm."""
+        """Mass (kg) of a link, and its centre of mass (3,) in the root frame (mm) with all joints at zero."""
         mass, centre = self._bodies[link]
         return mass, (self.places[link] @ np.append(centre, 1))[:3]
 

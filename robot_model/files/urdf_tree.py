@@ -157,7 +157,7 @@ class Tree:
         return joints[::-1]
 
     def flanges(self) -> list[str]:
-        """The last links that may be the flange of an arm, of every arm of the file."""
+        """Names of the last links that may be the flange of an arm, for every arm in the file."""
         ends = [end for leaves in self._arms() for end in self._ends_of(leaves)]
         return sorted(ends, key=lambda end: end.endswith(NAMELESS))
 

@@ -61,7 +61,7 @@ class TouchPoint(Contact):
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """t_f + R_f x - p_k = 0 is linear in the tip x and the points p_k (their eq. 13, all series at once)."""
+        """No base, and tip x and points p_k from t_f + R_f x - p_k = 0 (their eq. 13), which is linear in both."""
         rotations = flange_matrices(frames)
         points = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index])
         right = -frames.end_origin.T.ravel()

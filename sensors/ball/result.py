@@ -76,7 +76,7 @@ class BallFit:
 
     @property
     def radius_gap(self) -> float:
-        """Sigmas by which a radius of its own differs from the stated one; nan where there is nothing to compare."""
+        """Estimated minus stated radius in standard deviations; nan where the radius was not estimated."""
         return (
             np.nan
             if self.free is None

@@ -130,9 +130,9 @@ Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def spread(white: np.ndarray, size: int) -> float:
-    """Sigma of whitened residuals (n,) that may hold up to half outliers, from medians about 0.
+    """Robust sigma of whitened residuals (n,), up to half of which may be outliers, from medians of their sizes.
 
-    The median of all of them, then that of those within three such sigmas, until it stays.
+    The median of all of them, then of those within three such sigmas, until it no longer changes.
     """
     size_of = np.abs(white[:: len(white) // _ENOUGH + 1])
     size_of = np.sort(size_of[np.isfinite(size_of)])

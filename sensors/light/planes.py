@@ -58,8 +58,8 @@ def steps_family(planes: np.ndarray) -> Family:
 def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(4,) plane nearest to points (3, n) mm, its offset positive, and (3,) their spreads, largest first.
 
-    Robust: points farther than three robust sigmas (median of the absolute distances) are left
-    out, three times over. Shortest singular vector: Pearson, Phil. Mag. 2 (1901).
+    Robust: points farther than three robust sigmas (median of the absolute distances) are excluded, in three rounds.
+    The normal is the singular vector of the smallest singular value: Pearson, Phil. Mag. 2 (1901).
     """
     is_inlier = np.ones(points.shape[1], bool)
     for _ in range(4):

@@ -72,7 +72,7 @@ class Cloud:
         return vectors if self.motion is None else self.motion.directions(vectors, self.image)
 
     def together(self) -> dict:
-        """Options of `fit_ball` for the errors that points have in common."""
+        """Keyword arguments of `fit_ball` that describe the errors which the points share."""
         if self.motion is not None:
             return {"shared": self.motion.own_errors(self.scanner, self.local, self._seen)} | {
                 "ordered": True

@@ -181,8 +181,11 @@ def apart_from_frame(
 
 
 def by_rays(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """(V + 6, 3, n) mm per unit of the camera's values and of the frame, which turns and shifts the rays of pixels
-    while the planes (4, n) of points (3, n) stay: what `Apart.rays` is the covariance of."""
+    """(V + 6, 3, n) derivative (mm per unit) of points (3, n) by the V values of the camera and by 6 of its frame.
+
+    The frame rotates and shifts the rays of the pixels, while the planes (4, n) of the points are held. `Apart.rays` is
+    the covariance of these values.
+    """
     shifted = np.einsum("pkn,kin->pin", plane_moves(planes), by_plane(points, planes))
     return np.concatenate([by_camera(camera, points, planes), frame_moves(points) - shifted])
 

@@ -15,11 +15,10 @@ _DARK = 0.02
 
 
 def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
-    """Grey values, 1 sigma, of rows (n, width), in `region` (n, width) where one is given.
+    """1 sigma of the grey values of a pixel in rows (n, width); region (n, width) bool: only there, None: everywhere.
 
-    Second differences along rows, outliers beyond 3 sigma cut off: light that changes evenly drops
-    out, and the line is an outlier. Right where neighbouring pixels have independent noise;
-    `fitted_noise` needs no such thing.
+    Second differences along rows, without outliers beyond 3 sigma: they cancel light that changes linearly, and the
+    laser line is an outlier. Assumes independent noise of neighbouring pixels; `fitted_noise` does not.
     """
     image = image.astype(np.float32)
     rough = np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]) / np.float32(np.sqrt(6))

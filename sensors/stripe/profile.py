@@ -86,7 +86,7 @@ class Bank:
 
 
 def width_bin(log_width: np.ndarray) -> np.ndarray:
-    """(n,) int, which of the tabulated widths is the nearest one to exp(log_width)."""
+    """(n,) int, index of the tabulated width that is nearest to exp(log_width)."""
     log = np.clip(log_width, np.log(NARROWEST), np.log(WIDEST))
     return np.rint(np.where(log < 0, log / _FINE, log / _COARSE)).astype(np.intp) + _FINEST
 

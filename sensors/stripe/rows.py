@@ -55,7 +55,7 @@ class Rows:
         return below * self.scale[row // self.height, None]
 
     def under_windows(self, row: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
-        """Pixels (n, size) of what is under, in windows as `windows` cuts them, as recorded."""
+        """(n, size) pixels of the background image in the windows that `windows` cuts, as recorded."""
         return _cut(self.under, row % len(self.under) * self.width + start, size)
 
     def searched(self, exposures: dict | None = None) -> np.ndarray:

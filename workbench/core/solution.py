@@ -151,7 +151,7 @@ class Solution:
 
     @cached_property
     def single(self) -> SingleParameters:
-        """Parameters that are determined one by one, of all that a stage freed."""
+        """The estimated parameters of all stages that are identifiable individually, not only in combinations."""
         return SingleParameters.of(self.all_known, self.parameters)
 
     @cached_property

@@ -80,7 +80,7 @@ class FinalModel:
         return replace(proof, variance_factors=factors)
 
     def stated_noise(self) -> stated_noise.StatedNoise | None:
-        """Residuals of the final model over the stated sigma; None where none is stated."""
+        """Comparison of the residuals of the final model with the stated sigma; None where none is stated."""
         if (
             self.bench.chain is None
             or self.bench.chain.sigma_unknown

@@ -116,7 +116,7 @@ class Diagnosis:
     laser_line: object = None  # sensor_errors.LaserLine, of a scanner whose line has a doubt
 
     def as_json(self) -> dict:
-        """The object of the JSON contract, with more keys."""
+        """The answer as the JSON object that `diagnose --json` writes."""
         return {
             "command": "diagnose",
             "recording": self.recording,

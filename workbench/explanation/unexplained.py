@@ -56,10 +56,11 @@ def contains_structure(found: Found, terms) -> bool:
 
 
 def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
-    """State structure that no finding predicts on held-out samples: its place and its covariates.
+    """Terms `unknown` for structure that no finding predicts on held-out samples, with its place and covariates.
 
-    problem: without what it is said of. Next to it, effects of covariates not recorded that could
-    cause it. If no smooth function is significant at any place, the structure is that of the first rejected term.
+    problem: linearised without the unknown structure. The term lists as alternatives the effects of covariates that
+    were not recorded. If no smooth function is significant at any place, the structure is that of the first rejected
+    term.
     """
     if any(term.finding.effect == "unknown" for term in terms):
         return ()

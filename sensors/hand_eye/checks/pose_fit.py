@@ -51,7 +51,7 @@ def approximate_misfit(data: PoseData) -> float:
 
 
 def robust_starts(data: PoseData) -> list[np.ndarray]:
-    """Sensor poses (4, 4), one per labelling: the best of many closed forms, so that a wrong image does not choose."""
+    """Start values (4, 4) of the sensor pose, one per labelling: the best of many closed forms, against wrong images."""
     every = np.arange(data.count)
     labels_and_starts = []
     for labels in possible_labels(data):

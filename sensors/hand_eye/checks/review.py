@@ -75,17 +75,17 @@ class Review:
 
     @property
     def expected_mm(self) -> float:
-        """mm, the scatter of the corners that the corner noise makes."""
+        """mm, RMS scatter of the board corners that the corner noise alone causes."""
         return self.noise.corners_mm
 
     @property
     def noise_px(self) -> float:
-        """1 sigma of a coordinate of a corner."""
+        """px, 1 sigma of one coordinate of a detected corner."""
         return self.noise.sigma_px
 
     @property
     def certain(self) -> bool:
-        """Whether one mistake explains what the recorded data cannot."""
+        """Whether a finding is certain: one mistake undone explains data that cannot be right as recorded."""
         return any(finding.certain for finding in self.findings)
 
     @property

@@ -34,8 +34,8 @@ class Excluded:
 def excluded_items(session: Session, recording, most: int | None = None) -> list[Excluded]:
     """Excluded samples, then excluded poses, each in ascending order of their numbers.
 
-    most: how many samples, and how many poses, are wanted, None for all. A brush excludes up to a million; a list
-    shows a hundred.
+    most: largest number of samples and of poses that are listed, None for all. A selection in a plot may exclude a
+    million; a list shows a hundred.
     """
     numbers = sorted(session.excluded(SAMPLES))[:most]
     reasons = _reasons(session, SAMPLES, numbers)

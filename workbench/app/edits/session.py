@@ -142,8 +142,8 @@ def _included_by(change: Change, kind: str) -> set[str]:
 def session_path(subject: str, command: str = "") -> Path:
     """Path of the edits of a recording: a folder of its own under runs/.
 
-    command: that made the opened run. Edits of a hand-eye calibration lie apart from those of the camera of the same
-    images.
+    command: the command of the opened run. Edits of a hand-eye calibration and of the camera calibration of the same
+    images are separate files.
     """
     words = f"{slug(subject)}-{HAND_EYE}" if command == HAND_EYE else slug(subject)
     return RUNS / f"{words}-session" / NAME

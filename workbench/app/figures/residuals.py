@@ -270,9 +270,9 @@ def _add_bins(plot: go.Figure, counted: Histogram, kind: str, unit: str) -> None
 
 
 def has_side_by_side(work: Workspace) -> bool:
-    """Whether the newest run and the one before are calibrations that say where their residuals are.
+    """Whether the newest run and the one before are calibrations whose residuals have known positions.
 
-    A calibration after a diagnosis is compared with its baseline, of which no arrows are known.
+    A calibration after a diagnosis is compared with the baseline of the diagnosis, whose arrows are not stored.
     """
     runs = [run.residuals for run in (work.previous, work.opened) if run is not None]
     found = [

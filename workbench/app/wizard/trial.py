@@ -37,7 +37,7 @@ class Trial:
 
     @property
     def fits(self) -> list[dict]:
-        """Readings that were tested on the robot, the chosen one first: name, rms_mm, rms_deg as text."""
+        """Interpretations that were tested on the robot, the chosen one first: name, rms_mm, rms_deg as text."""
         rows = [] if self.result is None else [fit.as_json() for fit in self.result.fits]
         return [{key: _shown(value, 3) for key, value in row.items()} for row in rows]
 

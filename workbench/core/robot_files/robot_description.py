@@ -51,7 +51,7 @@ def copy_description(file: Path, folder: Path) -> str:
 
 
 def read_included(file: Path) -> ET.Element:
-    """The root element, with the content of included files in the place of every <include>. Raises InputError."""
+    """Root element of an XML file, every <include> replaced by the content of its file. Raises InputError."""
     return _with_included(file, file.parent, 0)
 
 

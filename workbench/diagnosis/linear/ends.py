@@ -1,7 +1,7 @@
-"""Arm poses of a sample: two of a length between two places, of which each end moves by itself, else one.
+"""Arm poses of a sample: two for a measured length, whose ends were reached separately, else one.
 
-Rows of places and scans, and covariates, then have a column an arm pose, all first ends before all second ones.
-Columns of hypotheses have N rows as ever: what the E arm poses of a sample contribute to its residual adds up.
+With two, covariates and the rows of places and scans have one column for each arm pose, those of all first ends before
+those of all second ends. Columns of hypotheses still have N rows: the contributions of both arm poses add up.
 """
 
 from collections.abc import Callable
@@ -24,11 +24,11 @@ class Ends:
         return np.tile(np.arange(self.count * self.n), len(sample) // self.n)
 
     def mean(self, values: np.ndarray) -> np.ndarray:
-        """(n,) means over the arm poses of values (E n,)."""
+        """(n,) mean of values (E n,) over the E arm poses of each sample."""
         return values if self.count == 1 else values.reshape(self.count, -1).mean(0)
 
     def joined(self, columns: np.ndarray) -> np.ndarray:
-        """(..., N) sums over the arm poses of each sample of what each contributes, (..., E N)."""
+        """(..., N) sum of the contributions (..., E N) of the E arm poses of each sample."""
         if self.count == 1:
             return columns
         return self._parted(columns).sum(-2).reshape(*columns.shape[:-1], -1)

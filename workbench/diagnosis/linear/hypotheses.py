@@ -73,7 +73,7 @@ class Hypothesis:
 
     @property
     def carries_load(self) -> bool:
-        """Whether others act through it, see `Effect`."""
+        """Whether other effects act through it, as a load acts through a compliance; see `Effect`."""
         return any(effect.carries_load for effect in self.effects)
 
     def columns(self, problem: Problem) -> np.ndarray:
