@@ -56,7 +56,8 @@ def from_arrays(
         rotations = _numbers("quaternions", quaternions)
         if rotations.shape != (n, 4):
             raise InputError(
-                f"Recording.from_arrays: expected quaternions (n, 4) with w first, found {rotations.shape}"
+                f"Recording.from_arrays: expected quaternions of shape ({n}, 4) with w first, found shape "
+                f"{rotations.shape}; transpose or complete them"
             )
         made |= {name: rotations[:, i] for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     for name, values in columns.items():

@@ -265,7 +265,7 @@ def test_a_program_holds_the_corrected_targets(language):
     with pytest.raises(InputError, match="without; correct the targets"):
         program_text(Program(np.nan * readings, "weld", "ABB", 0.05), language)
     with pytest.raises(
-        InputError, match="six joints that turn, and at most six linear axes, found 5"
+        InputError, match="six revolute joints and at most six linear axes, found 5"
     ):
         program_text(Program(readings[:, :5], "weld", "x", 0.05), language)
 

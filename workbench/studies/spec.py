@@ -50,7 +50,7 @@ class Axis(SceneTable):
         ]
         if odd or not self.paths:
             raise ValueError(
-                f"expected a path that begins with {', '.join(f'{r}.' for r in ROOTS)} found {odd}"
+                f"expected a path that begins with {', '.join(f'{r}.' for r in ROOTS)}, found {odd}; correct it"
             )
         return self
 

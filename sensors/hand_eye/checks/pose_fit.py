@@ -51,7 +51,7 @@ def approximate_misfit(data: PoseData) -> float:
 
 
 def robust_starts(data: PoseData) -> list[np.ndarray]:
-    """Start values (4, 4) of the sensor pose, one per labelling: the best of many closed forms, against wrong images."""
+    """Start values (4, 4) of the sensor pose, one per labelling, from many closed forms against wrong images."""
     every = np.arange(data.count)
     labels_and_starts = []
     for labels in possible_labels(data):

@@ -161,7 +161,7 @@ def _offset_mode(text: str | None) -> float | str | None:
         seconds = math.nan
     if not math.isfinite(seconds):
         raise InputError(
-            f"--time-offset {text}: expected auto, none or a number of seconds, found something else; correct it."
+            f"--time-offset: expected auto, none or a number of seconds, found '{text}'; correct it."
         )
     return seconds
 

@@ -107,7 +107,7 @@ def command(
     answer.check_target(json)
     if to not in ALL_FORMATS:
         raise InputError(
-            f"--to {to}: expected one of {', '.join(ALL_FORMATS)}, found another; name one of them"
+            f"--to: expected one of {', '.join(ALL_FORMATS)}, found '{to}'; name one of them"
         )
     if not file.parent.is_dir() or file.is_dir():
         raise InputError(

@@ -16,7 +16,7 @@ def camera_text(camera: Camera, name: str) -> str:
     """The text of a camera in the format `name`, one of `CAMERA_FORMATS`; InputError where that cannot hold it."""
     if name not in CAMERA_FORMATS:
         raise InputError(
-            f"--to {name}: expected one of {', '.join(CAMERA_FORMATS)}, found another; name one of them"
+            f"--to: expected one of {', '.join(CAMERA_FORMATS)}, found '{name}'; name one of them"
         )
     return CAMERA_FORMATS[name][0](camera)
 

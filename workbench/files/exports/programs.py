@@ -63,8 +63,8 @@ def program_text(program: Program, language: str) -> str:
     slides = program.external_mm.shape[1]
     if revolute != _AXES or slides > _MOST_EXTERNAL:
         raise InputError(
-            f"--to {language}: expected an arm with six joints that turn, and at most six linear axes, found "
-            f"{revolute} and {slides}; take corrected.csv of `workbench compensate`"
+            f"--to {language}: expected an arm with six revolute joints and at most six linear axes, found {revolute} "
+            f"and {slides}; use corrected.csv of `workbench compensate`"
         )
     if slides and language == "urscript":
         raise InputError(
