@@ -65,14 +65,15 @@ class RandomEffect:
 
 
 def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
-    """The place whose movement from sample to sample is clearest; None where none is beyond chance `level`.
+    """The place with the most significant random effect; None where no p-value is below `level`.
 
-    For each site the sum over samples of z' A z, A the site's covariance in typical sizes less its trace and less
-    its mean over all samples (which a noise that is not round makes), over the root of its squares: normal where
-    directions are chance. After the score tests of variance components: Lin, Biometrika 84 (1997) 309. That test is
-    blind where a place moves all samples nearly the same way, as the last joint does what a sensor sees; so that
-    the likelihoods of the directions are compared in addition, a place's and that of a noise of any one shape. Of the
-    places about as clear the likeliest is taken.
+    The score of a site is the sum over samples of z' A z over the root of the sum of its squares, with A the site's
+    covariance in typical sizes without its trace and without its mean over all samples (which anisotropic noise
+    causes). It is standard normal where the directions of the residuals are random: score tests of variance
+    components, Lin, Biometrika 84 (1997) 309. The score is blind where a place moves all samples in nearly the same
+    direction, as the last joint moves what a sensor sees. The likelihood of the directions under the random effect is
+    therefore compared with that of noise of one constant shape, too. Of the places with about the same significance
+    the one with the highest likelihood is taken.
     """
     m = len(problem.residual) // problem.n
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
@@ -93,25 +94,32 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     p = 2 * len(sites) * min(by_score, by_direction)
     if p > level:
         return None
-    # likelihoods decide between places that are about as clear
-    is_near = (scores > MAJORITY * scores.max()) | (gains > max(MAJORITY * gains.max(), 0.0))
-    near = [sites[i] for i in np.flatnonzero(is_near)]
-    near += [
-        site for site in sites if is_rounding(site) and not any(site is other for other in near)
-    ]
-    likely = [(_of_rounding if is_rounding(site) else _likelihood)(site, z) for site in near]
-    best = int(np.argmax([row[0] for row in likely]))
-    likeliest, (log, ratio, noise) = near[best], likely[best]
+    is_significant = (scores > MAJORITY * scores.max()) | (gains > max(MAJORITY * gains.max(), 0.0))
+    site, (log, ratio, noise) = _most_probable_site(sites, is_significant, z)
     spread = ratio * noise
+    kurtosis, error = _shape(site, residual)
     return RandomEffect(
-        likeliest,
+        site,
         float(np.clip(p, 1e-300, 1.0)),
         spread,
         ratio,
-        *_shape(likeliest, residual),
-        _rounds(likeliest, residual, spread, problem.covariates),
+        kurtosis,
+        error,
+        _rounds(site, residual, spread, problem.covariates),
         log - _of_noise(z),
     )
+
+
+def _most_probable_site(sites: list[Site], is_significant: np.ndarray, z: np.ndarray):
+    """The significant site, or rounding, with the highest likelihood of z (m, n), and the result of `_likelihood`."""
+    compared = [
+        site for site, significant in zip(sites, is_significant) if significant or is_rounding(site)
+    ]
+    likelihoods = [
+        _of_rounding(site, z) if is_rounding(site) else _likelihood(site, z) for site in compared
+    ]
+    best = int(np.argmax([row[0] for row in likelihoods]))
+    return compared[best], likelihoods[best]
 
 
 def places(problem: Problem) -> tuple[Site, ...]:

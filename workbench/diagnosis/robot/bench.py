@@ -372,47 +372,69 @@ class RobotBench(Bench):
         `acts`: whether one of typical size moves any. The weight deflects no joint about a vertical axis.
         """
         model, fit, weights = self.solve(effects, samples)
-        free, values = fit.parameters.mask, fit.parameters.values
-        units = np.outer(fit.parameters.typical[free], fit.parameters.typical[free])
-        prior = np.full(len(values), _GEOMETRY)
-        for span in model.spans:
-            prior[span] = _FAINT
-        covariance = covariance_of(fit.normal * units, prior[free])
-        values = without_shrinkage(model, fit, covariance, prior)
-        full_covariance = np.zeros((len(values), len(values)))
-        full_covariance[np.ix_(free, free)] = covariance * units * fit.sigma_scale**2
-        conditional_std = np.sqrt(np.maximum(np.diag(full_covariance), 0))
-        full_covariance = with_estimated_options(
-            model, fit, weights, full_covariance, options or {}
-        )
-        of_masses = mass_responses.std_by_masses(model, fit, weights, covariance)
-        std = np.hypot(np.sqrt(np.maximum(np.diag(full_covariance), 0)), of_masses)
-        masses = mass_rows(model, values, full_covariance)
+        estimates = _estimates(model, fit, weights, options or {})
+        masses = mass_rows(model, estimates.values, estimates.covariance)
         rows = []
         first = len(self.baseline)
         for effect, span in zip(model.effects[first:], model.spans[first:]):
-            numbers = np.arange(span.start, span.stop)
-            free_here = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
-            for column, k in zip(model.linearise(free_here)[1], numbers):
-                size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
-                p = fit.parameters.table[k]
-                row = parameter_row(p, effect, values[k], std[k], conditional_std[k])
-                sigmas = p.typical * np.linalg.norm(column / model.sigma(fit.parameters))
-                rows.append(row | {"size_mm": size, "acts": bool(sigmas > OBSERVABLE_SIGMAS)})
+            rows += _effect_rows(model, fit, effect, span, estimates, self.chain)
             if span.start in masses:
                 rows.append(masses[span.start])
-            if isinstance(effect, JointCurve):
-                first_row = rows[-effect.terms]
-                first_row |= spectrum(effect, values[span], self.chain)
-                first_row |= scale_of_reading(model, values, full_covariance, effect)
-            rows += reflector_rows(effect, values[span], full_covariance[span, span], self.chain)
-            deflected = deflection_row(
-                effect, values[span], full_covariance[span, span], self.chain
-            )
+            values, covariance = estimates.values[span], estimates.covariance[span, span]
+            rows += reflector_rows(effect, values, covariance, self.chain)
+            deflected = deflection_row(effect, values, covariance, self.chain)
             if deflected:
-                size = variation_mm(model, fit, effect, values[span])
+                size = variation_mm(model, fit, effect, values)
                 rows.append(deflected | {"size_mm": size})
         return tuple(rows)
+
+
+@dataclass(frozen=True)
+class _Estimates:
+    """Of all P parameters: `values` (P,) without shrinkage by their priors, `covariance` (P, P), `std` (P,) with the
+    uncertainty of stated masses, and `conditional_std` (P,) with options such as frequencies held."""
+
+    values: np.ndarray
+    covariance: np.ndarray
+    std: np.ndarray
+    conditional_std: np.ndarray
+
+
+def _estimates(model, fit, weights, options: Options) -> _Estimates:
+    free, typical = fit.parameters.mask, fit.parameters.typical
+    units = np.outer(typical[free], typical[free])
+    precision = np.full(len(free), _GEOMETRY)
+    for span in model.spans:
+        precision[span] = _FAINT
+    in_typical_sizes = covariance_of(fit.normal * units, precision[free])
+    values = without_shrinkage(model, fit, in_typical_sizes, precision)
+    covariance = np.zeros((len(values), len(values)))
+    covariance[np.ix_(free, free)] = in_typical_sizes * units * fit.sigma_scale**2
+    conditional_std = np.sqrt(np.maximum(np.diag(covariance), 0))
+    covariance = with_estimated_options(model, fit, weights, covariance, options)
+    by_masses = mass_responses.std_by_masses(model, fit, weights, in_typical_sizes)
+    std = np.hypot(np.sqrt(np.maximum(np.diag(covariance), 0)), by_masses)
+    return _Estimates(values, covariance, std, conditional_std)
+
+
+def _effect_rows(
+    model, fit, effect: Effect, span: slice, estimates: _Estimates, chain
+) -> list[dict]:
+    """A row for each parameter of an effect; the first one of a joint curve also has its spectrum."""
+    values, numbers = estimates.values, np.arange(span.start, span.stop)
+    alone = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
+    sigma = model.sigma(fit.parameters)
+    rows = []
+    for column, k in zip(model.linearise(alone)[1], numbers):
+        p = fit.parameters.table[k]
+        row = parameter_row(p, effect, values[k], estimates.std[k], estimates.conditional_std[k])
+        size = float(np.sqrt(((column[:3] * values[k]) ** 2).mean()))
+        sigmas = p.typical * np.linalg.norm(column / sigma)
+        rows.append(row | {"size_mm": size, "acts": bool(sigmas > OBSERVABLE_SIGMAS)})
+    if isinstance(effect, JointCurve):
+        rows[-effect.terms] |= spectrum(effect, values[span], chain)
+        rows[-effect.terms] |= scale_of_reading(model, values, estimates.covariance, effect)
+    return rows
 
 
 def _held(option: Variant, baseline) -> bool:
