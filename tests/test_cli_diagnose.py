@@ -140,7 +140,7 @@ def test_noise_stated_three_times_too_small_is_not_passed_over(home, tmp_path, c
 def test_the_statement_says_what_an_engineer_asks(found):
     said = found["effects"][0]["statement"]
     assert said.startswith(
-        "Joint 3 stands off its reading by half a gap, to one side or the other (by the side of approach)"
+        "Joint 3 differs from its reading by half the gap, to one side or the other (by the side of approach)"
     )
     assert "mrad" in said and "RMS at the reflector" in said and "held-out RMS error" in said
 
@@ -175,7 +175,7 @@ def test_the_run_folder_holds_page_image_and_tables(found, home):
     } <= {path.name for path in run.iterdir()}
     page = (run / "report.html").read_text(encoding="utf-8")
     assert (
-        "The unmodelled effects are identified" in page and "Joint 3 stands off its reading" in page
+        "The unmodelled effects are identified" in page and "Joint 3 differs from its reading" in page
     )
     rows = (run / "residuals.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 81 and rows[0].startswith("sample,before_x_mm")

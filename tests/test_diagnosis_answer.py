@@ -397,7 +397,7 @@ def term(probability, *others, effect="backlash", depends=()):
 def test_the_statement_names_effect_place_size_and_proof():
     said = statements.statement(term(0.99), "the ball", "mm")
     assert said == (
-        "Joint 3 stands off its reading by half a gap, to one side or the other: "
+        "Joint 3 differs from its reading by half the gap, to one side or the other: "
         "half gap 0.130 ± 0.010 mrad, 0.08 mm RMS at the ball. It reduces the held-out RMS error by 0.013 mm (t = 5.2) and is reselected "
         "in 9 of 9 folds."
     )

@@ -106,7 +106,7 @@ def _tested(kind) -> str:
         needs = kind.needs if isinstance(kind.needs, tuple) else ()
         sentences = [f"Where {' and '.join(needs)} varies." if needs else "At every place."]
     if kind.needs_compliance:
-        sentences.append("Only where the model holds a compliance.")
+        sentences.append("Only where the model contains a compliance.")
     return " ".join(filter(None, sentences))
 
 

@@ -17,7 +17,7 @@ _HALF_GAP_MM = 0.03
 
 
 class JointHysteresis(Effect):
-    """Joint K stands off its reading by friction and wind-up, along its motion or against it.
+    """Joint K differs from its reading by friction and wind-up, along its motion or against it.
 
     The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
     (`workbench.core.covariates.MotionHistory`), over `width` (rad; m of a slide), 0 for the side of approach, which is

@@ -251,7 +251,7 @@ class AngularNoise(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """None: noise that depends on a covariate is judged on what all laws leave."""
+        """None: noise that depends on a covariate is tested on the residual of all accepted terms."""
         return ()
 
     def port_indices(self, chain):

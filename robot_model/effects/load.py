@@ -255,7 +255,7 @@ class LinkBeam(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """None: a flexure at mid-link stands for it, which differs by a twelfth of the link."""
+        """None: a flexure at mid-link is tested instead, which differs by a twelfth of the link's length."""
         return ()
 
     def table(self, chain):

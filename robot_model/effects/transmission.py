@@ -133,7 +133,7 @@ class ConstantTerm(Effect):
 
     @classmethod
     def candidates(cls, chain):
-        """None: the geometry of every baseline holds it."""
+        """None: every baseline contains the joint offsets."""
         return ()
 
     def table(self, chain):
@@ -156,7 +156,7 @@ def _reverses(chain, joint: int) -> bool:
 
 
 class Backlash(Effect):
-    """The joint stands off its reading by half a gap, to one side or the other.
+    """The joint differs from its reading by half the gap, to one side or the other.
 
     `seat="approach"`: the side of the last motion, as recorded; `seat="moves"`: that side by the moves from sample to
     sample, where no side was recorded and the arm moved straight on; `seat="gravity"`: the side to which gravity
@@ -355,7 +355,7 @@ class TimeOffset(Effect):
 
 
 class ReadingLag(Effect):
-    """The joints were read before the arm had come to rest, so that each is still short of where it will stand.
+    """The joints were read before the arm had come to rest, so that each angle is short of its final value.
 
     Joints of one move start and stop together, so that all are short by one share of their last move.
     `law="braking"`: that joint which moves farthest is short by the same angle after every move, as when all are
@@ -372,7 +372,7 @@ class ReadingLag(Effect):
     by_moves = True
     nonnegative = 1
     equation = "dq_K = e move_K / max_J |move_J|, or s move_K"
-    source = "uniform braking: the way that is left at a fixed moment before the end is a t^2 / 2, of all moves alike"
+    source = "uniform braking: the remaining way at a fixed time before the end is a t^2 / 2, the same for all moves"
     reads = ("move",)
     of_session = True
 

@@ -64,7 +64,7 @@ ANGLE_ERRORS = (
         "dphi ~ N(0, sigma^2), independent at each position",
         "repeatability of positioning: ISO 230-2",
         "Each position has a random error, which no law corrects.",
-        "What the law leaves beyond the noise of the corners; part of the covariance of each ball centre.",
+        "The residual of the law beyond the noise of the corners; part of the covariance of each ball centre.",
     ),
 )
 """What the angle of a turntable may hold; the diagnosis names them."""

@@ -43,7 +43,7 @@ class FieldBiasLaw:
     places = ("sensor",)
     components = (2,)
     equation = "dz = c1 x + c2 y + c3 x^2 + c4 x y + c5 y^2"
-    source = "second-order expansion of what a camera or light-plane model leaves"
+    source = "second-order expansion of the remaining error of a camera or light-plane model"
 
     def table(self, chain):
         """Five coefficients, mm."""

@@ -114,7 +114,7 @@ class Effect:
         mass_dependent: Whether its signature depends on masses, which may be uncertain.
         compliance_prior: Of a compliance, the prior probability that it is of a size worth modelling, and its typical
             size relative to the compliance of a joint; None where it has none in rad/(N m).
-        needs_compliance: Whether it is observable only where the model holds a compliance.
+        needs_compliance: Whether it is observable only where the model contains a compliance.
         of_session: Whether it belongs to the measuring session and not to the machine, so that a correction of the
             machine leaves it out.
         reads: Names or kinds of the covariates that its law is a function of, recorded or derived.
