@@ -175,7 +175,8 @@ def test_the_run_folder_holds_page_image_and_tables(found, home):
     } <= {path.name for path in run.iterdir()}
     page = (run / "report.html").read_text(encoding="utf-8")
     assert (
-        "The unmodelled effects are identified" in page and "Joint 3 differs from its reading" in page
+        "The unmodelled effects are identified" in page
+        and "Joint 3 differs from its reading" in page
     )
     rows = (run / "residuals.csv").read_text(encoding="utf-8").splitlines()
     assert len(rows) == 81 and rows[0].startswith("sample,before_x_mm")

@@ -9,11 +9,11 @@ import pytest
 import sensor_virtual
 from conftest import mostly_slow
 from sensors.effects import CATALOGUE
+from simulated_images import simulated
 from workbench.core.model import Model
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.scanner import sensor, sensor_review
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.validation import folds
 from workbench.diagnosis.validation.controls import controls

@@ -12,11 +12,11 @@ from sensors.camera.correlated_errors.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
 from sensors.scanner.residuals.line_dependence import LineDependence
+from simulated_images import simulated
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter
 from workbench.diagnosis.scanner.predictions import Predicted, independent_errors, scored_errors
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.explanation.answer import _size
 from workbench.explanation.result import verdict_of

@@ -10,8 +10,8 @@ import sensor_virtual
 from conftest import mostly_slow
 from sensors.effects import CATALOGUE
 from sensors.light.together import Together
+from simulated_images import simulated
 from workbench.diagnosis.scanner import sensor
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation.proof import retained_in_fold
 

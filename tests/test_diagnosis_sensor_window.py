@@ -5,8 +5,8 @@ import pytest
 
 import sensor_virtual
 from sensors.effects import CATALOGUE
+from simulated_images import simulated
 from workbench.diagnosis.scanner import sensor
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 
 THICKNESS = "camera.window-refraction.thickness"

@@ -313,7 +313,5 @@ def test_yes_law_is_its_equations():
 
 def test_an_effect_that_overrides_the_earlier_name_of_its_port_indices_is_refused():
     """Nothing calls `slots`: the effect would act on all components of its port, without a word."""
-    chain = model_of(scene("external-point")).chain
-    assert CATALOGUE["joint-compliance"]("joint-2").slots(chain) == (1,)
     with pytest.raises(TypeError, match="effect Stuck: .* rename the method"):
         type("Stuck", (Effect,), {"slots": lambda self, chain: (0,)})

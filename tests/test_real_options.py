@@ -11,10 +11,10 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.nonparametric import PeriodicMotion
 from sensors.effects import CATALOGUE as SENSOR_EFFECTS
 from sensors.effects.covariates import time_constants
+from simulated_images import simulated
 from test_diagnosis_engine import SIGMA, recorded
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.scanner import sensor
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search import options
 from workbench.diagnosis.search.select import find
 from workbench.explanation.sentences.statements import label_of

@@ -10,10 +10,10 @@ from sensors.boards.board import Board
 from sensors.camera.calibration import calibrate_camera
 from sensors.camera.model import Camera
 from sensors.effects.optics import FocusBreathing, LensResidual
+from simulated_images import simulated
 from test_sensor_camera_doubts import seen_by
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.random_focal_length import find_random_focal_length
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.explanation.sensor_errors import (
     image_terms,

@@ -11,8 +11,8 @@ from sensors.effects.optics import Blooming
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.find import find_stripes
 from sensors.stripe.second_line import second_line
+from simulated_images import simulated
 from workbench.diagnosis.scanner import sensor
-from workbench.diagnosis.scanner.sensor_simulate import simulated
 from workbench.diagnosis.search.select import find
 from workbench.explanation.result import AMBIGUOUS, EXPLAINED, verdict_of
 from workbench.explanation.sensor_errors import ghost_line_terms, image_terms

@@ -14,13 +14,13 @@ from catalogue_entries import Entry, confounded, large_enough, listed, sizes
 from sensors.effects import CATALOGUE
 from sensors.rendering import Scene, make_recording
 from workbench.diagnosis.scanner.sensor import SensorBench, bench_of
-from workbench.diagnosis.scanner.sensor_simulate import simulated, solved
 from workbench.explanation.sentences.words import measured
 from workbench.jobs.sensor.chains import Chains
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from sensor_recordings import SCENE  # noqa: E402
+from simulated_images import simulated, solved  # noqa: E402
 
 # what differs from the small scene of the tests: more steps, boards and scans, pixels in parts as usual
 _MORE = {

@@ -244,10 +244,6 @@ class Effect:
         """The components of its port that this effect perturbs, m row numbers."""
         return chain.port_indices(self.port, self.where, self.components)
 
-    def slots(self, chain) -> tuple[int, ...]:
-        """Earlier name of `port_indices`."""
-        return self.port_indices(chain)
-
     def basis(self, state) -> np.ndarray:
         """(P, m, n) change of each component per unit of each parameter."""
         raise NotImplementedError

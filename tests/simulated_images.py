@@ -21,7 +21,7 @@ def simulated(
 ) -> Chains:
     """The same images with fresh Gaussian noise of the stated sigmas, and with `effects` at `values` (by key) acting.
 
-    The chains are taken for true. Pixels are moved until the chain's residual, effects included, is the noise.
+    The chains are assumed to be true. Pixels are moved until the chain's residual, effects included, is the noise.
     """
     rng = np.random.default_rng(seed)
     parts = {}
