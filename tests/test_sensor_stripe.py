@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from benchmarks.cramer_rao import centre_bound
 from sensors.stripe.find import Stripes, find_stripes
 from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN
-from sensors.stripe.noise import speckle_contrast
-from sensors.stripe.profile import Noise, speckle_floor
+from sensors.stripe.profile import Noise
 from workbench.core.errors import InputError
 
 FRAMES, HEIGHT, WIDTH = 6, 512, 320
@@ -131,11 +130,10 @@ def test_columns_are_rows_of_the_turned_image():
     np.testing.assert_array_equal(rows.pixels, [rows.centre, rows.line])
 
 
-@pytest.mark.parametrize("mode", ["gauss", "ridge"])
 @pytest.mark.parametrize("ground", [0.0, 20.0, "ramp"])
-def test_noise_alone_holds_no_line(mode, ground):
+def test_noise_alone_holds_no_line(ground):
     ground = np.linspace(10, 150, WIDTH) if isinstance(ground, str) else ground
-    assert len(find_stripes(images(np.zeros((12, HEIGHT, WIDTH)), ground=ground), mode=mode)) == 0
+    assert len(find_stripes(images(np.zeros((12, HEIGHT, WIDTH)), ground=ground))) == 0
 
 
 def test_one_constant_image_holds_no_line():
@@ -236,46 +234,6 @@ def test_rows_that_a_surfaces_edge_pulls_are_flagged():
     assert (found.flag == 0).sum() > 0.85 * (~edge[:, -1]).sum() * FRAMES
 
 
-def test_speckle_adds_its_floor_and_is_found_again():
-    random, contrast, width = np.random.default_rng(2), 0.2, 2.5
-    truth = centres(12, slope=0.05)
-    lit = light(truth, 150 + 0 * truth, width)
-    spectrum = np.fft.rfftfreq(WIDTH)
-    filters = np.exp(
-        -0.5 * (2 * np.pi * spectrum * width * np.sqrt(2)) ** 2
-    )  # autocorrelation exp(-x^2 / (4 width^2))
-    grain = np.fft.irfft(np.fft.rfft(random.standard_normal(lit.shape)) * np.sqrt(filters), WIDTH)
-    found = find_stripes(
-        images(lit * (1 + contrast * grain / grain.std()), noise=1.0), flagged=True
-    )
-    floor = speckle_floor(np.full(1, width), contrast)[0]
-    assert rms(errors(found, truth)) == pytest.approx(floor, rel=0.1)
-    line = np.full((3, truth.size), np.nan)
-    line[:, found.frame * HEIGHT + found.line] = found.centre, 0 * found.sigma, found.width
-    assert speckle_contrast(*line, HEIGHT) == pytest.approx(contrast, rel=0.2)
-    with_speckle = find_stripes(images(lit), speckle=contrast)
-    plain = find_stripes(images(lit))
-    np.testing.assert_allclose(
-        with_speckle.sigma, np.hypot(plain.sigma, speckle_floor(plain.width, contrast)), rtol=1e-6
-    )
-
-
-@pytest.mark.parametrize("snr, smoothing", [(2.5, 4.0), (9, 3.0), (25, 2.0)])
-def test_the_ridge_pays_with_resolution_for_a_smaller_error(snr, smoothing):
-    truth = np.add.outer(np.linspace(155, 160, 12), 0.05 * np.arange(HEIGHT))
-    stack = images(light(truth, 6 * snr + 0 * truth), noise=6.0, ground=50)
-    found = find_stripes(stack, mode="ridge", smoothing=smoothing)
-    assert (
-        found.resolution_rows == pytest.approx(2.355 * smoothing, rel=1e-3)
-        and found.mode == "ridge"
-    )
-    averaged = mean_bound(2.0, 6 * snr, Noise(6.0), 50) / np.sqrt(2 * np.sqrt(np.pi) * smoothing)
-    assert len(found) > 0.9 * truth.size
-    assert rms(errors(found, truth)) < 1.15 * averaged
-    assert np.mean((errors(found, truth) / found.sigma) ** 2) == pytest.approx(1, abs=0.3)
-    assert np.abs(errors(found, truth) / found.sigma).max() < 6
-
-
 @settings(max_examples=15, deadline=None)
 @given(
     shift=st.floats(-40, 40),
@@ -311,8 +269,6 @@ def test_a_moved_image_gives_the_moved_line(seed, move):
         ({"stack": np.full((1, 40, 40), np.nan)}, "finite grey values"),
         ({"stack": np.zeros((1, 40, 40), complex)}, "expected uint8, uint16 or float"),
         ({"along": "diagonal"}, "expected along rows or columns"),
-        ({"mode": "magic"}, "expected mode gauss or ridge"),
-        ({"mode": "ridge", "smoothing": 0.0}, "smoothing"),
         ({"background": np.zeros((40, 41), np.uint8)}, "background"),
         ({"region": np.ones((40, 40))}, "region: expected a bool mask"),
     ],

@@ -1,8 +1,6 @@
 """The laser line in images: its centre in every row or column, to a fraction of a pixel, whole stacks at a time.
 
-Two modes. "gauss" fits every row by itself, at the Cramer-Rao bound (`stripe_profile`). "ridge"
-looks for a ridge in images smoothed along the line (`stripe_ridge`): for noisy ones, at a price
-in resolution along the line that the result states.
+Every row is fitted separately, with an error at the Cramer-Rao bound (`stripe.profile`).
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -24,7 +22,7 @@ from sensors.stripe.flags import (
 )
 from sensors.stripe.noise import exposure_scales, pixel_noise
 from sensors.stripe.pilot import SAMPLE, Search, first_look
-from sensors.stripe.profile import Noise, speckle_floor
+from sensors.stripe.profile import Noise
 from sensors.stripe.rows import Rows
 from sensors.stripe.surface import background_bias
 from workbench.core.errors import InputError
@@ -43,10 +41,9 @@ class Stripes:
     frame (n,): image; line (n,): row (or column) searched; centre (n,) px along it; sigma (n,) px,
     1 sigma; width (n,) px, Gaussian sigma of the line, the pixel's own width in it; peak and background (n,) grey
     values, the peak above the background; saturated (n,): clipped pixels were left out of the fit;
-    flag (n,): sum of `stripe_flags.NAMES`, 0 where nothing speaks against it; others (n,): further
+    flag (n,): sum of `stripe.flags.NAMES`, 0 where nothing speaks against it; others (n,): further
     peaks in the row; pixels (2, n) px, x right and y down; `dropped`: how many were
-    left out, by flag; `noise`: grey values, of one pixel; `along`, `mode`; `resolution_rows`: full
-    width at half maximum of the smoothing along the line, 1 where every row stands by itself.
+    left out, by flag; `noise`: grey values, of one pixel; `along`: "rows" or "columns" that were searched.
     """
 
     frame: np.ndarray
@@ -62,8 +59,6 @@ class Stripes:
     dropped: dict[str, int]
     noise: Noise
     along: str = "rows"
-    mode: str = "gauss"
-    resolution_rows: float = 1.0
 
     def __len__(self) -> int:
         return len(self.centre)
@@ -139,14 +134,10 @@ class Task:
 def find_stripes(
     stack: np.ndarray,
     along: str = "rows",
-    mode: str = "gauss",
     background: np.ndarray | None = None,
     region: np.ndarray | None = None,
     *,
     saturation: float | None = None,
-    speckle: float = 0.0,
-    grain: float | None = None,
-    smoothing: float = 3.0,
     flagged: bool = False,
 ) -> Stripes:
     """The laser line's centre in every row ("rows", the line runs down) or column ("columns") of images.
@@ -155,9 +146,7 @@ def find_stripes(
     laser, subtracted at a fitted exposure. region (H, W) bool: where to search. saturation: grey
     value from which a pixel counts as clipped (`clipping.Counts.full` of all images of the camera);
     None: the end of the 8, 10, 12, 14 or 16 bits that these fill. Values that pile up below it are clipped too.
-    speckle: contrast of a multiplicative noise whose floor is added to sigma, grain its size in px
-    (`stripe_profile.speckle_floor`). smoothing: rows, 1 sigma, of the mode "ridge". flagged: hand out doubtful peaks
-    too, with their flags; else they are only counted in `dropped`.
+    flagged: return doubtful peaks too, with their flags; else they are only counted in `dropped`.
 
     Noise is estimated from the images: read noise and photon noise, independent in every pixel.
     Taken for granted, and not in sigma: light around the line that slopes by s grey values a pixel
@@ -166,25 +155,11 @@ def find_stripes(
     InputError where the stack or what comes with it is not usable.
     """
     task = _task(stack, along, background, region, saturation)
-    if mode not in ("gauss", "ridge"):
-        raise InputError(
-            f"find_stripes: expected mode gauss or ridge, found {mode}; name one of them"
-        )
-    if mode == "ridge":
-        from sensors.stripe.ridge import ridge_parts
-
-        parts, noise, resolution = ridge_parts(task, smoothing)
-    else:
-        parts, noise, resolution = *_gauss_parts(task), 1.0
-    stripes = _gathered(parts, noise, task, mode, resolution)
-    if speckle:
-        stripes = replace(
-            stripes, sigma=np.hypot(stripes.sigma, speckle_floor(stripes.width, speckle, grain))
-        )
+    stripes = _gathered(*_fitted(task), task)
     return stripes if flagged else stripes.select(stripes.flag == 0)
 
 
-def _gauss_parts(task: Task):
+def _fitted(task: Task):
     count = len(task.stack)
     step = max(1, task.height * count // SAMPLE)
     setting, search = first_look(*task.rows(slice(0, count), step), task.saturation)
@@ -219,7 +194,7 @@ def _joined(parts: list[Fits]) -> Fits:
     return Fits(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fits)))
 
 
-def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> Stripes:
+def _gathered(parts, noise: Noise, task: Task) -> Stripes:
     fits = _joined([part[1] for part in parts])
     frame = np.concatenate([first + part.row // task.height for first, part, *_ in parts])
     flag, count = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
@@ -241,8 +216,6 @@ def _gathered(parts, noise: Noise, task: Task, mode: str, resolution: float) -> 
         dropped,
         noise,
         "columns" if task.transposed else "rows",
-        mode,
-        resolution,
     )
     return stripes.select(sound)
 

@@ -1,10 +1,10 @@
-"""Noise estimated from the images themselves: read noise, photon noise, exposure of the background, speckle."""
+"""Noise estimated from the images themselves: read noise, photon noise, exposure of the background."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.stripe.profile import Noise, speckle_floor
+from sensors.stripe.profile import Noise
 
 _CLIP, _KEPT = 3.0, 0.97334
 """Sigma beyond which a difference is no noise, and the part of a normal variance that lies within."""
@@ -147,26 +147,3 @@ def _line_fit(a, b, use, uneven) -> tuple[float, float, float]:
     power = float(used @ b) - count * mean_b**2
     scale = (float(used @ a) - count * mean_a * mean_b) / power if power > 0 else 1.0
     return scale, mean_a - scale * mean_b, max(power, 0.0)
-
-
-def speckle_contrast(centre, sigma, width, height, lag: int = 8) -> float:
-    """Contrast that explains how much rougher a smooth surface's line is than `sigma`, for grains as wide as the line.
-
-    centre, sigma, width (images * height,) px, nan where there is no line. Second differences over
-    `lag` rows (more than a grain; the line must be smooth over twice as many): their variance is
-    6 (sigma^2 + floor^2), `stripe_profile.speckle_floor`. 0 where there is no excess.
-    """
-    c, s, w = (np.reshape(v, (-1, height)) for v in (centre, sigma, width))
-    above = c[:, : -2 * lag]
-    here = c[:, lag:-lag]
-    below = c[:, 2 * lag :]
-    variance = (below - 2 * here + above) ** 2 / 6
-    seen = np.isfinite(variance)
-    if seen.sum() < 50:
-        return 0.0
-    # the median of chi-square with one degree of freedom is 0.455
-    found = np.median(variance[seen]) / 0.455
-    stated = np.mean(s[:, lag:-lag][seen] ** 2)
-    excess = max(found - stated, 0)
-    floor = speckle_floor(w[:, lag:-lag][seen], 1.0)
-    return float(np.sqrt(excess / np.mean(floor**2)))

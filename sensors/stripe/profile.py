@@ -40,20 +40,6 @@ class Noise:
         return self.read**2 + self.gain * np.maximum(level, 0)
 
 
-def speckle_floor(width: np.ndarray, contrast: float, grain: float | None = None) -> np.ndarray:
-    """(n,) px, 1 sigma that speckle adds to centres of lines of Gaussian `width` (n,) px.
-
-    Speckle is taken as a multiplicative field of standard deviation `contrast` and correlation
-    exp(-x^2 / (4 grain^2)), x in px. Propagated through the least-squares centre:
-    sigma = contrast w sqrt(2 k) / (1 + 2 k)^(3/4), k = w^2 / (4 grain^2). `grain` None: as large
-    as the line, which is a line as sharp as the aperture allows, sigma = 0.52 contrast w; this is
-    the limit of Dorsch, Haeusler and Herrmann, Appl. Opt. 33 (1994) 1306, eq. 14,
-    contrast lambda / (2 pi sin u), for a Gaussian instead of a round aperture.
-    """
-    k = 0.25 if grain is None else np.asarray(width) ** 2 / (4 * grain**2)
-    return contrast * np.asarray(width) * np.sqrt(2 * k) / (1 + 2 * k) ** 0.75
-
-
 @dataclass(frozen=True)
 class Bank:
     """The four-number fit for starts at `PHASES` + 1 places across a pixel, as tables.
