@@ -211,7 +211,6 @@ class BallChain:
     pose: np.ndarray
     errors: np.ndarray
     relative: np.ndarray
-    radius_sigma: float | None = None
     noise: float = 1.0
 
     state = None
@@ -231,11 +230,7 @@ class BallChain:
             Parameter(f"target.{name}", "mm", 0.0, PLACE, f"the ball: position along {name}")
             for name in "xyz"
         ]
-        table.append(
-            Parameter(
-                "target.radius", "mm", self.radius, 1.0, "the ball: radius", self.radius_sigma
-            )
-        )
+        table.append(Parameter("target.radius", "mm", self.radius, 1.0, "the ball: radius"))
         table.append(
             Parameter("sensor.range_scale", "1", 0.0, 0.02, "the profiler: scale error of its z")
         )

@@ -50,7 +50,6 @@ def hand_eye_from_views(
     kind="in-hand",
     camera_covariance=None,
     pivot="board",
-    board_scale=None,
     reviewed: Review | None = None,
 ) -> HandEye:
     """Hand-eye, board and robot's pose error from views of one board.
@@ -65,8 +64,8 @@ def hand_eye_from_views(
     independent, "board": at the middle of the board, which makes the most likely hand-eye that of the
     least board scatter, or "flange"; errors that are independent at the flange, and taken at
     the board, half a metre away, leave errors of 0.6 to 1.2 sigmas (RMS, by direction, over 100 sets).
-    board_scale: whether the board's scale is free, with a prior of 0.001; None: where it differs from
-    one by more than two sigmas and lowers the error of poses that the solve did not see.
+    The board's scale is estimated, with a prior of 0.001, where it differs from one by more than two sigmas and lowers
+    the error of poses that the solve did not see.
     reviewed: what `review_views` found, None looks for mistakes in the flange poses here.
     InputError for fewer than three poses, poses that are none, or numbers of poses and views that differ.
     """
@@ -90,9 +89,7 @@ def hand_eye_from_views(
     most = (
         0 if reviewed.certain else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
-    found, notes = _best(
-        chain, parameters, first, most, False if suspicions and board_scale is None else board_scale
-    )
+    found, notes = _best(chain, parameters, first, most, not suspicions)
     misfit = image_misfit(found[0], camera.size, from_same_images)
     if stated is not None:  # first: the sensitivity to the camera is that of the adjustment alone
         found = (with_held_camera(found[0], _root(stated)), *found[1:])
@@ -102,23 +99,19 @@ def hand_eye_from_views(
     return replace(_result(chain, points, found, suspicions, notes), misfit=misfit)
 
 
-def _best(chain, parameters, first, most, scale):
+def _best(chain, parameters, first, most, is_scale_tried):
     """The better result of `find_blunders`, with or without the board's scale, and the sentences on it."""
-    without_scale = None if scale else find_blunders(chain, parameters, first, most)
-    if scale is False:
+    without_scale = find_blunders(chain, parameters, first, most)
+    adjusted = without_scale[0]
+    if (
+        not is_scale_tried
+        or motion(chain.flange, chain.kind, adjusted.variances.spread[1]).sentences
+    ):
         return without_scale, ()
-    if without_scale is not None:
-        adjusted = without_scale[0]
-        if motion(chain.flange, chain.kind, adjusted.variances.spread[1]).sentences:
-            return without_scale, ()
-        loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
-        if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
-            return without_scale, ()
-        parameters = loose.parameters
-        first = loose.variances
-    scaled = find_blunders(chain, parameters.free(_SCALE), first, most)
-    if without_scale is None:
-        return scaled, ()
+    loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
+    if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
+        return without_scale, ()
+    scaled = find_blunders(chain, loose.parameters.free(_SCALE), loose.variances, most)
     before, after = (_predicted(chain, found) for found in (without_scale, scaled))
     scale = scaled[0].parameters[_SCALE]
     sigma = _scale_sigma(scaled[0])

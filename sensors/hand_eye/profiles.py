@@ -28,8 +28,6 @@ def hand_eye_from_profiles(
     pose,
     flange,
     radius=None,
-    radius_sigma=None,
-    weights="equal",
     range_scale=None,
     names=None,
 ) -> HandEye:
@@ -37,11 +35,9 @@ def hand_eye_from_profiles(
 
     names: what each pose is called in sentences, None: "pose 0", "pose 1", ...
     points: (3, n) mm, (x, 0, z) in the profiler's frame, rows with nan are dropped; pose (n,) int,
-    row of `flange` (P, 4, 4) T_base_flange of each point. radius_sigma: 1 sigma, mm, to which the
-    radius is known, None: exactly. weights: "equal" minimises the RMS distance of all points from
-    the ball; "likelihood" weighs poses by what noise, robot and linearity leave of their worth.
-    Sigmas are those of the variance components in both. range_scale: whether the scale of the
-    profiler's z is free; None: where that lowers the error of poses that the solve did not see.
+    row of `flange` (P, 4, 4) T_base_flange of each point. The adjustment minimises the RMS
+    distance of all points from the ball; sigmas are those of the variance components. range_scale:
+    whether the scale of the profiler's z is free; None: where that lowers the error of held-out poses.
     `fit` and `held_out`: `rms_mm` over points of their distance from the ball, robot held exact;
     `pose_rms_mm` of the poses' RMS. InputError for fewer than four poses, or profiles without an arc.
     """
@@ -50,11 +46,11 @@ def hand_eye_from_profiles(
     names = [f"pose {k}" for k in range(len(flange))] if names is None else names
     circles = find_circles(flat, pose, names, radius)
     start = find_start(np.concatenate([circles.centre, [circles.radius]]), flange, radius)
-    chain = _chain(flat, pose, flange, circles, start, radius_sigma, weights)
+    chain = _chain(flat, pose, flange, circles, start)
     values = np.append(start.values, 0.0)
     values[9] = start.values[9] if radius is None else radius
     parameters = replace(chain.parameters, values=values).free("*").fix(_SCALE)
-    if radius is not None and radius_sigma is None:
+    if radius is not None:
         parameters = parameters.fix("target.radius")
     first = Variances(
         max(_noise(circles), LEAST_NOISE), max(start.rms, 1e-3) * np.array([1.0, 0.2])
@@ -65,7 +61,7 @@ def hand_eye_from_profiles(
     most = (
         0 if suspicions else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
-    found, notes = _best(chain, parameters, first, weights, range_scale, most)
+    found, notes = _best(chain, parameters, first, range_scale, most)
     return _result(chain, found, (*circles.why, *notes), start, circles, suspicions)
 
 
@@ -95,11 +91,10 @@ def _checked(points, pose, flange):
     return points, pose, flange
 
 
-def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -> BallChain:
+def _chain(flat, pose, flange, circles: Circles, start) -> BallChain:
     used = circles.used
-    equal = weights == "equal"
     # from a distance within the plane to one from the ball, which is to be the same for all
-    relative = (start.values[9] / circles.radius)[pose[used]] if equal else np.ones(used.sum())
+    relative = (start.values[9] / circles.radius)[pose[used]]
     return BallChain(
         flat[:, used],
         float(start.values[9]),
@@ -107,14 +102,14 @@ def _chain(flat, pose, flange, circles: Circles, start, radius_sigma, weights) -
         pose[used],
         np.zeros((len(flange), 4)),
         relative,
-        radius_sigma,
     )
 
 
-def _best(chain, parameters, first, weights, range_scale, most):
+def _best(chain, parameters, first, range_scale, most):
     """The better result of `find_blunders`, with or without the scale of z, and the sentences on it."""
-    equal = weights == "equal"
-    without_scale = None if range_scale else find_blunders(chain, parameters, first, most, equal)
+    without_scale = (
+        None if range_scale else find_blunders(chain, parameters, first, most, equal=True)
+    )
     if range_scale is False:
         return without_scale, ()
     start = (
@@ -122,7 +117,7 @@ def _best(chain, parameters, first, weights, range_scale, most):
         if without_scale is None
         else replace(parameters, values=without_scale[0].parameters.values)
     )
-    scaled = find_blunders(chain, start.free(_SCALE), first, most, equal)
+    scaled = find_blunders(chain, start.free(_SCALE), first, most, equal=True)
     if without_scale is None:
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (without_scale, scaled))
