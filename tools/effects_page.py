@@ -9,6 +9,7 @@ from pathlib import Path
 from robot_model.effects import CATALOGUE as ROBOT
 from sensors.effects import CATALOGUE as SENSOR
 from sensors.scanner.turntable import ANGLE_ERRORS
+from workbench.core.effect import Effect
 
 PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
 HEAD = """# Catalogue of effects
@@ -111,8 +112,9 @@ def _tested(kind) -> str:
 
 
 def _own_text(kind, method: str) -> str:
-    """The docstring of an effect's own method; "" where it has none of its own."""
-    own = vars(kind).get(method)
+    """The docstring of a method of an effect's class or of what it shares with others; "" for that of `Effect`."""
+    classes = kind.__mro__[: kind.__mro__.index(Effect)]
+    own = next((vars(some)[method] for some in classes if method in vars(some)), None)
     return " ".join(own.__doc__.split()) if own else ""
 
 

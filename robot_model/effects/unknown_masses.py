@@ -277,11 +277,8 @@ def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:
     return np.einsum("cin,pin->pcn", state.frames.link[place], world)
 
 
-class GravityBearing(Effect):
-    """The bearing of joint K tilts under the weight of links whose masses are not stated.
-
-    A rotation about a point on the axis of joint K, across that axis.
-    """
+class _Tilt:
+    """A part tilts under the weight of links whose masses are not stated: what bearing, link and pedestal share."""
 
     effect = "gravity-compliance"
     estimates_moments = True
@@ -289,9 +286,40 @@ class GravityBearing(Effect):
     elastic = True
     source = GravityCompliance.source
     nonnegative = 1
+    compliance_prior = (0.15, 0.1)
+    subject = ""
+
+    @classmethod
+    def candidates(cls, chain):
+        """Variants where the moment of uniform bars varies; none where masses are stated."""
+        return _of_bars(cls, chain)
+
+    def first(self) -> int:
+        """Number from 0 of the first link whose weight acts."""
+        return self.number - 1
+
+    def shares(self, robot: Robot) -> np.ndarray:
+        """(J,) expected first moments of the uniform bars that act."""
+        return _shares_from(robot, self.first())
+
+    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
+        """(P, P') as of `GravityCompliance.moments_of`."""
+        return _moments_of_tilt(self, other, chain)
+
+    def table(self, chain):
+        return _tilt_table(self, chain, self.subject)
+
+
+class GravityBearing(_Tilt, Effect):
+    """The bearing of joint K tilts under the weight of links whose masses are not stated.
+
+    A rotation about a point on the axis of joint K, across that axis.
+    """
+
     compliance_prior = (0.05, 0.1)
     places = ("joint",)
     stage = "bending"
+    subject = "the tilt of the bearing of"
     equation = "w = sum_i t_i (b_i x g) across z"
 
     @property
@@ -309,21 +337,6 @@ class GravityBearing(Effect):
         last = max((v.effect.number for v in GravityCompliance.candidates(chain)), default=0)
         return [(f"joint-{k}", {}) for k in range(1, last + 1) if not chain.slides(k)]
 
-    def first(self) -> int:
-        """Number from 0 of the first link whose weight acts."""
-        return self.number - 1
-
-    def shares(self, robot: Robot) -> np.ndarray:
-        """(J,) expected first moments of the uniform bars that act."""
-        return _shares_from(robot, self.first())
-
-    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
-        """(P, P') as of `GravityCompliance.moments_of`."""
-        return _moments_of_tilt(self, other, chain)
-
-    def table(self, chain):
-        return _tilt_table(self, chain, "the tilt of the bearing of")
-
     def port_indices(self, chain):
         return chain.port_indices("frame", f"link-{self.number}")
 
@@ -335,17 +348,11 @@ class GravityBearing(Effect):
         return about_axis(state, self.number, turns)
 
 
-class GravityLink(Effect):
+class GravityLink(_Tilt, Effect):
     """Link K bends about its middle under the weight of the links beyond it, whose masses are not stated."""
 
-    effect = "gravity-compliance"
-    estimates_moments = True
-    port = "frame"
-    elastic = True
-    source = GravityCompliance.source
-    nonnegative = 1
-    compliance_prior = (0.15, 0.1)
     places = ("link",)
+    subject = "the bending of"
     components = (3, 4, 5)
     equation = "w = sum_i t_i (b_i x g) across the link"
 
@@ -353,29 +360,13 @@ class GravityLink(Effect):
     def confounded_with(self):
         return first_link_like_pedestal(self, GravityPedestal.effect)
 
-    @classmethod
-    def candidates(cls, chain):
-        """Variants where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain)
-
-    def first(self) -> int:
-        """Number from 0 of the first link whose first moment acts: its own, by the weight at its end."""
-        return self.number - 1
-
     def shares(self, robot: Robot) -> np.ndarray:
         """(J,) expected first moments about mid-link of the uniform bars beyond it: half its length times their weight,
-        and their own."""
+        and their own. The first moment of the link itself is that of the weight at its end."""
         shares = _shares_from(robot, self.number)
         length = bar_lengths(robot)
         shares[self.number - 1] = length[self.number - 1] / 2 * length[self.number :].sum()
         return shares
-
-    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
-        """(P, P') as of `GravityCompliance.moments_of`."""
-        return _moments_of_tilt(self, other, chain)
-
-    def table(self, chain):
-        return _tilt_table(self, chain, "the bending of")
 
     def basis(self, state):
         world = _tilt_moments(state, self)
@@ -385,39 +376,17 @@ class GravityLink(Effect):
         return _in_frame(state, self.number, across)
 
 
-class GravityPedestal(Effect):
+class GravityPedestal(_Tilt, Effect):
     """The base tilts about its origin under the weight of links whose masses are not stated."""
 
-    effect = "gravity-compliance"
-    estimates_moments = True
-    port = "frame"
-    elastic = True
-    source = GravityCompliance.source
-    nonnegative = 1
-    compliance_prior = (0.15, 0.1)
     places = ("base",)
+    subject = "the tilt of"
     components = (3, 4)
     equation = "w = sum_i t_i (b_i x g) across the vertical"
-
-    @classmethod
-    def candidates(cls, chain):
-        """Variants where the moment of uniform bars varies; none where masses are stated."""
-        return _of_bars(cls, chain)
 
     def first(self) -> int:
         """Number from 0 of the first link whose weight acts."""
         return 0
-
-    def shares(self, robot: Robot) -> np.ndarray:
-        """(J,) expected first moments of the uniform bars that act."""
-        return bar_shares(robot)
-
-    def moments_of(self, other: GravityCompliance, chain) -> np.ndarray:
-        """(P, P') as of `GravityCompliance.moments_of`."""
-        return _moments_of_tilt(self, other, chain)
-
-    def table(self, chain):
-        return _tilt_table(self, chain, "the tilt of")
 
     def basis(self, state):
         return _in_frame(state, 0, _tilt_moments(state, self))[:, :2]

@@ -76,31 +76,29 @@ def choose(
     def worth(some):
         return score(normal_of(rows[some]) + ridge)
 
+    def random_sets(size):
+        return [rng.choice(len(rows), size, replace=False) for _ in range(draws)]
+
     search = _Search(len(rows), with_each, repeats, progress)
-    downwards = criterion == "task"
-    several = [rng.choice(len(rows), n, replace=False) for _ in range(draws)]
+    is_error = criterion == "task"  # the smaller the better
+    several = random_sets(n)
     random = np.array([worth(some) for some in several])
     chosen = search.exchange(search.grow(n))
     comparisons = {}
-    if downwards and bounded:
+    if is_error and bounded:
         grams = np.swapaxes(rows, 1, 2) @ rows
         shares, bound = least_error(grams, n, weight, ridge, repeats)
         chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
-        pairs = (
-            [rng.choice(len(rows), 2 * n, replace=False) for _ in range(draws)]
-            if 2 * n <= len(rows)
-            else []
-        )
+        larger = random_sets(2 * n) if 2 * n <= len(rows) else []
         comparisons = {
-            "twice": np.array([worth(some) for some in pairs]),
+            "twice": np.array([worth(some) for some in larger]),
             "everything": score(normal_of(rows) + ridge),
             "bound": bound,
         }
-    if not downwards and random.max() > worth(
-        chosen
-    ):  # the exchange ended in a local optimum: start again from the best random set
+    if not is_error and random.max() > worth(chosen):
+        # the exchange ended in a local optimum: start again from the best random set
         chosen = search.exchange(several[int(random.argmax())])
-    return Design(np.sort(chosen), worth(chosen), random, not downwards, **comparisons)
+    return Design(np.sort(chosen), worth(chosen), random, not is_error, **comparisons)
 
 
 def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndarray, float]:

@@ -86,48 +86,43 @@ def next_experiment(
     p_first: float,
     refused: Sequence[Term] = (),
 ) -> Experiment:
-    """The experiment that separates the least certain finding from its likeliest alternative.
+    """The experiment that distinguishes the least certain finding from its most probable alternative.
 
-    problem: of the model with the findings but those that are in doubt, or of the baseline. refused: what was found
-    and not retained. A bench that knows no robot, an unnamed alternative and a missing column get their sentence
-    without a computation.
+    problem: of the model with the certain findings, or of the baseline. refused: terms that were found and not
+    retained. Without a robot, with an alternative that is no effect, or with a missing column, the answer is a sentence
+    without figures.
     """
     physical = [term for term in terms if term.finding.where != NOISE]
+    untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
     if all(term.share is not None and not term.remainder for term in physical):
         few = FEW.format(poses=len(np.unique(bench.pose)))
-        untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-        return Experiment(
-            " ".join(filter(None, (few if p_first < UNMODELLED_LEVEL else CLEAN, untested)))
-        )
+        return _without_figures(few if p_first < UNMODELLED_LEVEL else CLEAN, untested)
     doubtful = [term for term in terms if not term.is_certain or term.finding.effect == "unknown"]
     if not doubtful:
-        untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-        nothing = EXCEPT if untested and not refused else _nothing(refused)
-        return Experiment(" ".join(filter(None, (nothing, untested))))
-    untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
-    doubtful_terms = sorted(
-        doubtful, key=lambda term: (not term.finding.effects, term.finding.probability)
-    )[:_ASKED]
-    # what recordings of lengths between two poses would tell is not computed
+        return _without_figures(EXCEPT if untested and not refused else _nothing(refused), untested)
+    # recordings of lengths between two poses are not planned: what they would show is not computed
     is_planned = bench.chain is not None and bench.chain.poses_per_sample == 1
     kinds = list_candidates(bench) if is_planned else []
-    tried = [_asked(bench, terms, term, problem, kinds) for term in doubtful_terms]
-    open_yet = [
-        k for k, (_, _, rows) in enumerate(tried) if rows and rows[0][0]["samples_needed"] > 0
-    ]
-    k = (
-        open_yet[0] if open_yet else 0
-    )  # rather one that these poses leave open than one that they tell already
-    term, (others, pair, rows) = doubtful_terms[k], tried[k]
+    least_certain = sorted(
+        doubtful, key=lambda term: (not term.finding.effects, term.finding.probability)
+    )[:_ASKED]
+    asked = [(term, *_asked(bench, terms, term, problem, kinds)) for term in least_certain]
+    # a term that the recorded poses already decide needs no further experiment
+    undecided = [row for row in asked if row[-1] and row[-1][0][0]["samples_needed"] > 0]
+    term, others, pair, rows = (undecided or asked)[0]
     if not rows:
-        asked_for = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
-        return Experiment(" ".join(filter(None, (asked_for, untested))))
+        request = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
+        return _without_figures(request, untested)
     best, plan = rows[0]
     scene, robot = scene_of(bench, others, pair, plan, len(best["poses"]))
     parts = (describe_comparison(pair, rows), _missing(doubtful, others=True), untested)
     sentence = " ".join(filter(None, parts))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _without_figures(*sentences: str) -> Experiment:
+    return Experiment(" ".join(filter(None, sentences)))
 
 
 def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:

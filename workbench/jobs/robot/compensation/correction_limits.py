@@ -6,7 +6,7 @@ uncertainty, its load, its temperature and its joint readings must stay within w
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -256,56 +256,58 @@ def _reads_load(arm: CalibratedArm) -> bool:
 
 
 def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judgement:
-    """Which targets of a programme must not be sent to the arm, and what is to be said of the others.
-
-    programme: `workbench.files.targets.Programme`; found: its `Compensated` of `compensation.compensate`.
-    """
-    refused: dict[int, list[str]] = {}
-
-    def refuse(row, reason):
-        refused.setdefault(int(row), []).append(reason)
-
+    """Targets of a `Programme` that must not be sent to the arm, and warnings; found: its `Compensated`."""
     shift = deflection_mm(arm, programme, found, covariates_of(arm, programme))
-    sigma = found.sigma_mm
-    if limits.sigma_mm is None:
-        # warnings state what another load, or the other side of a loop, would do: no single target is at fault, and
-        # the uncorrected arm has the same loop
-        loops = _loops(arm, programme, found)
-        sigma = np.sqrt(np.maximum(sigma**2 - shift**2 - loops**2, 0.0))
-    largest_mm, largest_deg = limits.largest_correction(arm)
-    for words, values, largest, unit in (
-        ("its correction", found.position_mm, largest_mm, "mm"),
-        ("its correction", found.rotation_deg, largest_deg, "deg"),
-        ("the standard uncertainty", sigma, limits.largest_sigma_mm(arm), "mm"),
-    ):
-        for row in np.flatnonzero(found.reached & ~(values <= largest)):
-            refuse(row, f"{words} of {values[row]:.3g} {unit} exceeds {largest:.3g} {unit}")
-    for words, values, largest, unit in (
-        ("position", found.position_left_mm, largest_mm, "mm"),
-        ("orientation", found.rotation_left_deg, largest_deg, "deg"),
-    ):
-        for row in np.flatnonzero(found.reached & ~(values <= largest)):
-            refuse(
-                row,
-                f"its {words} is not attainable with {arm.robot.mixing.shape[1]} joints: "
-                f"{values[row]:.3g} {unit} remain, above {largest:.3g} {unit}",
-            )
-    for row, reason in _joint_changes(arm, programme, found, limits.joint_deg):
-        refuse(row, reason)
+    reasons = [
+        *_above_limits(arm, found, limits, _judged_sigma(arm, programme, found, limits, shift)),
+        *_joint_changes(arm, programme, found, limits.joint_deg),
+    ]
     warnings = [
         *_left_by_joints(arm, found),
         *_worst_assumed(arm, programme),
         *_unknown_sides(arm, programme, found),
+        *unknown_load_words(arm, programme, shift),
     ]
-    warnings += unknown_load_words(arm, programme, shift)
     for covered in _coverages(arm, programme, found, bool(shift.any())):
         is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
-        for row in np.flatnonzero(is_refused):
-            refuse(row, covered.reason(row))
+        reasons += [(row, covered.reason(row)) for row in np.flatnonzero(is_refused)]
         warnings += covered.warning(found.reached & (covered.outside > _NEAR) & ~is_refused)
     if arm.fitted_range is None:
         warnings.append(_NO_RANGES)
+    refused: dict[int, list[str]] = {}
+    for row, reason in reasons:
+        refused.setdefault(int(row), []).append(reason)
     return Judgement(refused, warnings)
+
+
+def _judged_sigma(arm: CalibratedArm, programme, found, limits: Limits, shift) -> np.ndarray:
+    """(n,) mm, standard uncertainty that is compared with its limit.
+
+    Without a limit of the user: without another load and the other side of a loop, of which warnings speak. No single
+    target is at fault, and the uncorrected arm has the same loop.
+    """
+    if limits.sigma_mm is not None:
+        return found.sigma_mm
+    loops = _loops(arm, programme, found)
+    return np.sqrt(np.maximum(found.sigma_mm**2 - shift**2 - loops**2, 0.0))
+
+
+def _above_limits(
+    arm: CalibratedArm, found, limits: Limits, sigma: np.ndarray
+) -> Iterator[tuple[int, str]]:
+    """Row and reason of corrections, uncertainties (n,) mm and unattainable remainders above their limits."""
+    largest_mm, largest_deg = limits.largest_correction(arm)
+    joints = arm.robot.mixing.shape[1]
+    remain = f"is not attainable with {joints} joints: {{}} remain, above {{}}"
+    for reason, values, largest, unit in (
+        ("its correction of {} exceeds {}", found.position_mm, largest_mm, "mm"),
+        ("its correction of {} exceeds {}", found.rotation_deg, largest_deg, "deg"),
+        ("the standard uncertainty of {} exceeds {}", sigma, limits.largest_sigma_mm(arm), "mm"),
+        (f"its position {remain}", found.position_left_mm, largest_mm, "mm"),
+        (f"its orientation {remain}", found.rotation_left_deg, largest_deg, "deg"),
+    ):
+        for row in np.flatnonzero(found.reached & ~(values <= largest)):
+            yield row, reason.format(f"{values[row]:.3g} {unit}", f"{largest:.3g} {unit}")
 
 
 def _joint_changes(arm: CalibratedArm, programme, found, largest: float) -> list[tuple[int, str]]:
