@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 import tomli_w
 
+from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.answer import diagnose
 from workbench.explanation.noise.heavy_tails import heavy_tails
+from workbench.explanation.noise.local_structure import local_structure
 from workbench.explanation.noise.stated_noise import StatedNoise, compare, finding_of
 from workbench.explanation.planning.experiment import CLEAN, next_experiment
 from workbench.explanation.result import CONSISTENT, EXPLAINED, UNEXPLAINED, Term, verdict_of
 from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 from workbench.jobs.robot.simulate import simulate
 
+POSITION = ("x_mm", "y_mm", "z_mm")
 SCENE = {
     "robot": "abb_irb120",
     "samples": 80,
@@ -186,3 +190,32 @@ def test_the_noise_of_a_solution_is_that_of_its_own_residual(tmp_path):
     bench.solve()
     model, fit, _ = bench.solve((FieldBias("sensor"),))
     assert np.allclose(noise_scaled(model.chain, fit).sigma, model.chain.sigma, rtol=0.03)
+
+
+def _left_by(seed: int, error, factor: float = 1.0, n: int = 110):
+    """`local_structure` of what the baseline leaves of noise times a factor and an error (3, n) mm of joint angles."""
+    recording, rng = recorded(seed, n=n, sigma=0.02), np.random.default_rng(seed)
+    angles = np.deg2rad([recording.columns[f"q{k}_deg"] for k in range(1, 7)])
+    point = np.stack([recording.columns[name] for name in POSITION])
+    noise = rng.standard_t(5, (3, n)) * 0.02 * np.sqrt((factor**2 - 1) * 3 / 5)
+    changed = point + error(angles, point) + noise
+    columns = recording.columns | dict(zip(POSITION, changed))
+    bench = bench_of(replace(recording, columns=columns))
+    before = bench.problem(())
+    return local_structure(before.conditional_on(), before, point)
+
+
+def test_structure_that_no_smooth_function_of_two_covariates_makes_is_no_larger_noise():
+    """A foot that rocks over an edge, and a product of three joints, each of two to four sigmas."""
+    direction = np.array([[0.05], [0.03], [-0.04]])
+    rocking = _left_by(31, lambda q, x: direction * np.sign(x[0] - np.median(x[0])))
+    assert rocking.where == "base" and rocking.p_value < 1e-6
+    product = _left_by(
+        32, lambda q, x: 3 * direction * np.sin(2 * q[1]) * np.cos(1.5 * q[3]) * q[0]
+    )
+    assert product.where == "base" and "joints 1, 2 and 4" in product.label
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5, 4.0])
+def test_larger_noise_is_not_alike_at_neighbouring_poses(factor):
+    assert _left_by(int(10 * factor), lambda q, x: 0.0, factor) is None

@@ -302,6 +302,7 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     Where replicates confirm the stated noise and the residual is larger all the same, something differs from pose to
     pose that no candidate and no smooth function makes. A significant term that was refused is structure that the
     residual of the final model still contains. Without structure, heavy-tailed noise has the RMS of the residual.
+    Where the residuals of neighbouring poses are alike, larger or heavy-tailed noise does not explain them.
     """
     compared = last.stated_noise()
     if compared is None:
@@ -311,6 +312,12 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
     wrong = stated_noise.compare(compared, structure_left)
     others = [term for term in terms if term.finding.where == NOISE]
     heavy = None if structure_left or others else heavy_tails(compared)
+    is_larger = (
+        wrong is not None and wrong.source == stated_noise.FROM_RESIDUALS and wrong.factor > 1
+    )
+    structure = last.local_structure() if is_larger or heavy is not None else None
+    if structure is not None:
+        return proved, (*terms, Term(structure, remainder=bool(terms)))
     found, why = None, "the stated noise is wrong"
     if heavy is not None:
         found, why = compared.from_residuals(), "the noise is heavy-tailed"

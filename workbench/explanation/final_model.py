@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from robot_model.effects.friction import ReadingLattice
-from workbench.diagnosis.linear.problem import Found
+from workbench.diagnosis.linear.problem import Finding, Found
 from workbench.diagnosis.noise.rounded_readings import rounding_variance
 from workbench.diagnosis.validation.left_out_blocks import variance_factor
 from workbench.diagnosis.validation.terms import Proof
 from workbench.explanation.noise import replicates, stated_noise
+from workbench.explanation.noise.local_structure import local_structure
 from workbench.explanation.result import Views
 from workbench.explanation.term_steps import steps_of_terms
 from workbench.fitting.verdicts.verdict import AS_STATED, WITH_ROUNDING
@@ -100,6 +101,15 @@ class FinalModel:
         return stated_noise.StatedNoise(
             white, degrees, ~self.found.outliers, self.bench.pose, self._index()
         )
+
+    def local_structure(self) -> Finding | None:
+        """Structure that makes the residual of neighbouring poses alike; None where there is none."""
+        chain = self.bench.chain
+        model, fit, _ = self.bench.solve(self.before.effects)
+        values = fit.parameters.values[: len(chain.parameters)]
+        evaluation = model.chain.evaluate(values, {})
+        points = model.chain.to_root(values, evaluation, np.zeros((3, self.before.n)))[0]
+        return local_structure(self.after, self.before, points)
 
     def _index(self):
         return self.bench.chain.state.index[: self.before.n]

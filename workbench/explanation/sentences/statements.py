@@ -34,6 +34,7 @@ BY_POSE = (
     "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
 )
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
+ALIKE = "alike at neighbouring values of "
 LINE_STRUCTURE = "laser line: "
 UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
@@ -88,6 +89,12 @@ def _what(term: Term, tip: str, unit: str) -> str:
     if found.label == NOT_LOCATED and _unconfirmed(found):
         text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
         return f"{text} {place(found.where)}.{_unconfirmed(found)}"
+    if found.label.startswith(ALIKE):
+        return (
+            "The residual is larger than the stated noise and contains structure that no effect of the catalogue "
+            f"explains, most likely at {place(found.where)}: it is {found.label} ({p_text(found.p_value)}), which "
+            "noise of no size is."
+        )
     if found.label.startswith(LINE_STRUCTURE):
         return _of_laser_line(found)
     if found.effect == "unknown" and found.label in (BY_POSE, NOT_LOCATED):
