@@ -64,9 +64,11 @@ def test_an_excel_table_of_targets(tmp_path):
     np.testing.assert_allclose(found.readings, np.deg2rad(READINGS))
 
 
-def test_poses_in_metres(tmp_path):
+@pytest.mark.parametrize(("separator", "comma"), [(";", True), (",", False)])
+def test_poses_in_metres(tmp_path, separator, comma):
     header = ["X [m]", "Y [m]", "Z [m]", "qw", "qx", "qy", "qz"]
-    path = table(tmp_path, header, [[0.5, 0.25, 0.3, 1, 0, 0, 0], [0.6, 0.2, 0.3, 0, 1, 0, 0]])
+    rows = [[0.5, 0.25, 0.3, 1, 0, 0, 0], [0.6, 0.2, 0.3, 0, 1, 0, 0]]
+    path = table(tmp_path, header, rows, separator, comma)
     found = read_programme(path, ROBOT)
     np.testing.assert_allclose(found.poses[:, :3, 3], [[500, 250, 300], [600, 200, 300]])
     np.testing.assert_allclose(found.poses[1, :3, :3], np.diag([1, -1, -1]), atol=1e-12)

@@ -39,7 +39,7 @@ from datasets.importers.sources.choice import read_sources
 from datasets.importers.sources.programs.program_frames import NOTHING_STATED, StatedFrames
 from datasets.importers.sources.programs.robot_programs import NAME_OF_POSITION, read_robot_program
 from datasets.importers.units import ANGLES, DMS, LENGTHS, degrees_of
-from datasets.samples.columns import KNOWN, POINT, QUATERNION, joint_columns
+from datasets.samples.columns import KNOWN, POINT, joint_columns
 
 _PARQUET = (".parquet", ".pq")
 _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
@@ -58,7 +58,7 @@ def read_targets(
     the flange are used as far as the table has them. Two tables for a robot program with joint positions and poses.
     Raises InputError with file, row and column.
     """
-    if mapping is None and _is_native(path, (*POINT, *QUATERNION)):
+    if mapping is None and _is_native(path, POINT):  # other tables name a quaternion qw ... qz, too
         return [read_table(path, path.name, ("note", *_text_columns(path)))]
     return [_converted(raw, sliding, mapping) for raw in _tables(path, frames_of(mapping))]
 
