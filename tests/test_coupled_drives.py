@@ -133,3 +133,11 @@ def test_what_the_file_states_is_not_asked_again():
 def test_an_arm_without_errors_of_its_drives_decides_nothing():
     checked = check_samples(CoupledArm("parallelogram").recording())
     assert checked.robot.coupling is None and CAUSE not in " ".join(checked.warnings)
+
+
+@pytest.mark.parametrize("name", ["parallelogram", "palletiser"])
+def test_errors_of_another_joint_do_not_decide_what_a_drive_moves(name):
+    arm = CoupledArm(name, harmonics=((1, 1.0, 1e-3, 5e-4),), is_mechanical=False)
+    checked = check_samples(arm.recording())
+    assert checked.robot.coupling is None
+    assert not any("mechanical = true" in sentence for sentence in checked.warnings)

@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from robot_model.effects.elastic import JointCompliance
 from workbench.commands.cli import run
 from workbench.core.errors import InputError
 from workbench.files.solution_file import read_solution
-from workbench.jobs.robot.evaluate import evaluate
+from workbench.jobs.robot.evaluate import Evaluated, evaluate
 from workbench.jobs.robot.evaluate_sentences import refit_sentences
 from workbench.jobs.robot.session_clock import on_session_clock
 
@@ -321,3 +322,12 @@ def test_a_calibration_that_is_worse_than_the_nominal_arm_is_said():
     assert "worse than the nominal one" in worse
     (better,) = refit_sentences(nominal, refitted, fits_better=True)
     assert better.endswith("repeat with --refit base-and-tool.")
+
+
+def test_errors_by_joint_have_no_row_of_a_joint_at_rest():
+    columns = {"q1_deg": np.zeros(6), "q2_deg": np.array([0.0, 0, 0, 9, 9, 9])}
+    recording = SimpleNamespace(columns=columns)
+    distances = np.array([1.0, 1, 1, 2, 2, 2])
+    (row,) = Evaluated.by_joint(SimpleNamespace(recording=recording, distances=distances))
+    assert row["joint"] == "q2_deg"
+    assert row["rms_mm"] == [1.0, None, 2.0]

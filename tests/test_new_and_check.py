@@ -14,6 +14,7 @@ from datasets.samples.columns import KINDS
 from workbench.commands.cli import run
 from workbench.jobs.robot.simulate import simulate
 from workbench.recordings.inspection import inspect_recording
+from workbench.recordings.inspection.needs import coverage_needs
 from workbench.recordings.inspection.repeats import repeats_of
 from workbench.recordings.templates import write_template
 from workbench.recordings.templates.images import write_reachable_scene
@@ -144,6 +145,10 @@ def test_too_few_poses_a_still_joint_and_one_orientation_are_named(templates):
     assert not few.is_sufficient and "4 poses" in few.sentence
     still = replace(recording, columns={**recording.columns, "q4_deg": np.full(recording.n, 12.0)})
     assert any("q4_deg does not move" in need.what for need in inspect_recording(still).needs)
+    joints = [dict(joint) for joint in still.robot["joint"]]
+    joints[3]["coupled"] = {"joint": 3, "ratio": -1.0}
+    passive = replace(still, robot={**still.robot, "joint": joints})
+    assert not any("does not move" in need.what for need in coverage_needs(passive))
     small = {
         name: cells * 0.02 if name.startswith("q") and name.endswith("_deg") else cells
         for name, cells in recording.columns.items()

@@ -532,8 +532,8 @@ def evaluate(
     - `refitted`: the same with base and tool estimated on the recording.
     - `nominal`: the same of the nominal arm, base and tool estimated on the recording.
     - `held_out`: the same as the calibration stated it for its own samples.
-    - `by_joint`: one row for each joint: `edges` of thirds of its readings (deg; mm for a prismatic
-      joint), `rms_mm` in each.
+    - `by_joint`: one row for each joint that moves: `edges` of thirds of its readings (deg; mm for
+      a prismatic joint), `rms_mm` in each, None in an empty one.
     - `verdict`: `residual` compared with `noise` and `tolerance` in `unit`; `pass`; `sentence`.
 
     Method: prediction by the calibrated model with its parameters fixed.

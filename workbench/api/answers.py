@@ -148,8 +148,8 @@ ANSWERS: dict[str, dict[str, str]] = {
         "refitted": "the same with base and tool estimated on the recording.",
         "nominal": "the same of the nominal arm, base and tool estimated on the recording.",
         "held_out": "the same as the calibration stated it for its own samples.",
-        "by_joint": "one row for each joint: `edges` of thirds of its readings (deg; mm for a prismatic joint), "
-        "`rms_mm` in each.",
+        "by_joint": "one row for each joint that moves: `edges` of thirds of its readings (deg; mm for a prismatic "
+        "joint), `rms_mm` in each, None in an empty one.",
         "verdict": _VERDICT,
     },
     "demo": {

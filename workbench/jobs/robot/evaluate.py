@@ -260,10 +260,10 @@ class Evaluated:
         }
 
     def by_joint(self) -> list[dict]:
-        """RMS error in mm in the low, middle and high third of the readings of each joint."""
-        rows = []
-        for name in joint_columns(self.recording.columns):
-            values = self.recording.columns[name]
+        """RMS error in mm in each third of the readings of each joint that moves; None in an empty third."""
+        rows, columns = [], self.recording.columns
+        for name in (name for name in joint_columns(columns) if np.ptp(columns[name]) > 0):
+            values = columns[name]
             edges = np.quantile(values, np.linspace(0, 1, _BINS + 1))
             place = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
             rms = [_rms(self.distances[place == k]) for k in range(_BINS)]
@@ -481,8 +481,8 @@ def lengths(residual: np.ndarray) -> np.ndarray:
     return np.sqrt((residual[:3] ** 2).sum(0))
 
 
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+def _rms(values: np.ndarray) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
 def save(evaluated: Evaluated, folder: Path) -> None:

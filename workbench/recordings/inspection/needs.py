@@ -163,11 +163,20 @@ def _pose_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     elif poses < 2 * least:
         what = f"{poses} poses leave little for held-out tests"
         yield Need("calibrate", False, what, f"measure {2 * least} poses or more")
+    passive = _moved_by_others(recording)
     for joint in coverage.joints:
-        yield from _joint_needs(joint)
+        if joint.extent >= _STILL or joint_number(joint.name) not in passive:
+            yield from _joint_needs(joint)
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
         what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
         yield Need("calibrate", False, what, "add poses with other orientations")
+
+
+def _moved_by_others(recording: Recording) -> set[int]:
+    """Numbers of the joints that a coupling moves with the readings of others, such as those of a parallelogram."""
+    mixing = load_robot(recording.robot, f"robot of {recording.name}").mixing
+    others = np.abs(mixing) * ~np.eye(*mixing.shape, dtype=bool)
+    return set((np.flatnonzero(others.any(1)) + 1).tolist())
 
 
 def _robot_needs(recording: Recording) -> Iterator[Need]:

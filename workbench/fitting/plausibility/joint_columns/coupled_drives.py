@@ -34,6 +34,7 @@ CAUSE = "coupled-drives"
 _ROWS = 400
 _LOG_ODDS = 5.0  # 150 to 1, from which on a drive moves the joints that are coupled to it
 _SIZES = (0.001, 0.1, 0.3, 1.0, 3.0)  # of the effects, relative to their usual size
+_MOST_PARAMETERS = 0.75  # of the coordinates; more leave the noise open, and nothing is decided
 _MOST_COUPLINGS = 3  # all of whose combinations are compared
 
 
@@ -50,7 +51,10 @@ def coupled_drives(robot, recording, fit: Fit) -> Suspicion | None:
     if not open_joints or robot.mixing.shape != (robot.joints,) * 2:
         return None
     chosen = recording.select(even_rows(recording, _ROWS))
-    data = _Data.of(robot, chosen, fit)
+    involved = {
+        number for k in open_joints for number in (k + 1, keys["joint"][k]["coupled"]["joint"])
+    }
+    data = _Data.of(robot, chosen, fit, frozenset(f"joint-{number}" for number in involved))
     alone = data.evidence(robot)
     others = [
         (data.evidence(load_robot(_with(keys, combination))), combination)
@@ -103,15 +107,19 @@ def _suspicion(keys: Mapping, joints: tuple[int, ...], log_odds: float) -> Suspi
 
 @dataclass(frozen=True)
 class _Data:
-    """Rows of a recording at a fit: values of the parameters, which of them are free, and weights of the residual."""
+    """Rows of a recording at a fit: values of the parameters, which of them are free, and weights of the residual.
+
+    `involved`: places of the joints whose couplings are open.
+    """
 
     recording: object
     parameters: Parameters
     weights: np.ndarray
     prior: np.ndarray
+    involved: frozenset[str]
 
     @classmethod
-    def of(cls, robot, recording, fit: Fit) -> "_Data":
+    def of(cls, robot, recording, fit: Fit, involved: frozenset[str]) -> "_Data":
         model, parameters = model_at(robot, recording, fit.parameters.values)
         parameters = parameters.only(fit.parameters.mask)
         residual = model.residual(parameters)
@@ -121,14 +129,15 @@ class _Data:
         size = max(float(np.sqrt(np.median(squares))), LEAST_SCALE)
         weights = lever / np.sqrt(1 + squares / (size * CAUCHY) ** 2)
         prior = geometry_prior(robot, recording, parameters)[parameters.mask]
-        return cls(recording, parameters, weights, prior)
+        return cls(recording, parameters, weights, prior, involved)
 
     def evidence(self, robot) -> float:
         """Log evidence of the usual effects at the drives of an arm, up to a constant.
 
         Normal priors of the parameters, and the noise variance integrated out with Jeffreys' prior: Bishop, Pattern
         Recognition and Machine Learning, sect. 3.5, with the marginal of Student's t distribution. The common size of
-        the effects is that of the greatest evidence, for an arm may have none, which decides nothing.
+        the effects is that of the greatest evidence, for an arm may have none, which decides nothing. Those of the
+        involved joints have a size of their own: a large error elsewhere makes none here.
         """
         model, parameters = model_at(robot, self.recording, self.parameters.values)
         wider = model.with_effects(*_effects(model))
@@ -138,9 +147,18 @@ class _Data:
         residual, rows = wider.linearise(free.only(mask))
         y = (residual * self.weights).ravel()
         columns = (rows * self.weights).reshape(len(rows), -1)
-        typical = np.array([p.typical for p, is_extra in zip(free.table, extra) if is_extra])
-        priors = [np.concatenate([self.prior, size * typical]) for size in _SIZES]
-        return max(_log_evidence(y, columns, prior) for prior in priors)
+        if len(columns) > _MOST_PARAMETERS * len(y):
+            return 0.0
+        added = [p for p, is_extra in zip(free.table, extra) if is_extra]
+        typical = np.array([p.typical for p in added])
+        is_here = np.isin([p.key.partition(".")[0] for p in added], list(self.involved))
+
+        def of_sizes(elsewhere: float, here: float) -> float:
+            sizes = np.where(is_here, here, elsewhere) * typical
+            return _log_evidence(y, columns, np.concatenate([self.prior, sizes]))
+
+        best = max(_SIZES, key=lambda size: of_sizes(size, size))
+        return max(of_sizes(best, here) for here in _SIZES)
 
 
 def _effects(model: Model) -> list[Effect]:
