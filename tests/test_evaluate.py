@@ -330,4 +330,4 @@ def test_errors_by_joint_have_no_row_of_a_joint_at_rest():
     distances = np.array([1.0, 1, 1, 2, 2, 2])
     (row,) = Evaluated.by_joint(SimpleNamespace(recording=recording, distances=distances))
     assert row["joint"] == "q2_deg"
-    assert row["rms_mm"] == [1.0, None, 2.0]
+    assert row["rms_mm"] == [None, 1.0, 2.0]
