@@ -126,15 +126,17 @@ def _guessed(table: RawTable, mapping: Mapping, wanted: Wanted) -> dict[str, Gro
         if getattr(mapping, quantity) is not None:
             continue
         count = _SIZES.get(quantity) or wanted.joints or _USUAL_JOINTS
-        chosen = _chosen(table, free, count)
+        chosen = _chosen(table, mapping, free, count)
         free = [name for name in free if name not in chosen]
         guessed[quantity] = Group(tuple(chosen) or (OPEN_NAME,) * count)
     return guessed
 
 
-def _chosen(table: RawTable, free: Sequence[str], count: int) -> list[str]:
-    for names in similar_columns(table, free):
-        if len(names) == count:
+def _chosen(table: RawTable, mapping: Mapping, free: Sequence[str], count: int) -> list[str]:
+    """Columns with similar headers, of which a joint at rest may be one, else neighbouring ones that change."""
+    numeric = [n for n in unused_columns(table, mapping) if table.columns[n].dtype.kind == "f"]
+    for names in similar_columns(table, numeric):
+        if len(names) == count and 2 * len(set(names) & set(free)) > count:
             order = list(table.columns)
             return sorted(names, key=order.index)
     return list(free[:count]) if len(free) >= count else []

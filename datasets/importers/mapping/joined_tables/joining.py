@@ -5,6 +5,7 @@ at its times, because a log samples a continuous motion (`interpolation`). A log
 nearest row.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -33,6 +34,7 @@ _LEAST_GAP_S = 0.5
 _STEP_OF_RANGE = (
     1e-3  # of a joint between two rows of a log: encoders of a joint at rest change by far less
 )
+_WITHOUT_HEADER = re.compile(r"column \d+")
 _QUARTER_S, _DAY_S = 900.0, 86400.0
 _MOST_ZONE_S = 26.5 * 3600
 _LEAST_DATED_S = -1e9
@@ -68,8 +70,10 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
 
 
 def with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTable]:
-    """The tables with the stem of the file in front of columns that both have."""
+    """The tables with the stem of the file in front of columns that both have, and of all that have no header."""
     shared = set(first.columns) & set(second.columns)
+    if any(map(_WITHOUT_HEADER.fullmatch, shared)):
+        shared |= {*filter(_WITHOUT_HEADER.fullmatch, (*first.columns, *second.columns))}
     return _prefixed(first, shared, "1"), _prefixed(second, shared, "2")
 
 

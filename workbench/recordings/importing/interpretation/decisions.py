@@ -144,16 +144,22 @@ def _searched(case: UnitCase, readings, fits) -> Decision | None:
     close = [readings[place][1] for place in close_units(case, readings)]
     found, warnings = _mistakes(case, close)
     if found is not None and case.trust_data:
-        mapping, _ = found
-        ordered = sorted(fits, key=lambda item: readings[item[0]][1] != mapping)
-        return Decision(mapping, tuple(fit for _, fit in ordered))
+        return _as_read(fits, readings, found[0])
     if found is not None:
         mapping, sentence = found
         units = f" ({_unit_title(mapping)})" if len(close) > 1 else ""
         raise InputError(naming_option(sentence.removesuffix(".") + units))
-    if warnings:
-        raise InputError(warnings[0].sentence)
+    if warnings and not case.trust_data:
+        raise InputError(naming_option(warnings[0].sentence))
+    if warnings and len(close) == 1:  # a joint that is locked: the last check repeats the doubt
+        return _as_read(fits, readings, close[0])
     return None
+
+
+def _as_read(fits, readings, mapping: Mapping) -> Decision:
+    """The decision for one of the readings, its fit first."""
+    ordered = sorted(fits, key=lambda item: readings[item[0]][1] != mapping)
+    return Decision(mapping, tuple(fit for _, fit in ordered))
 
 
 def _mixed_units(

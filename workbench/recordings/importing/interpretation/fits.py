@@ -20,6 +20,7 @@ from workbench.fitting.plausibility.fitting import (
     EXPLAINED,
     fit_recording,
     nominal_scales,
+    reach_of,
     scatter_of_points,
     unexplainable_misfit_mm,
 )
@@ -31,6 +32,7 @@ _WINDOW = 20.0
 _DECISIVE_LOG = 20.0
 _DECISIVE_RATIO = 1.25
 _MANY_STEPS = 40
+_MOST_OF_REACH = 1.5
 _LEAST_SCALE = 0.005  # mm: differences below are rounding
 AS_WIDE_AS_THE_ARM = ("external-point", "external-pose", "partial-pose")
 """Kinds of measurement whose points scatter as far as the arm moves."""
@@ -100,12 +102,16 @@ def compare_readings(
     """Index and fit of the readings worth comparing, the most probable first.
 
     readings: title and recording of each, all of the same rows, the usual ones first. Readings whose misfit with
-    the nominal geometry, in relation to the scatter of the points, is `_WINDOW` times the least one are left out.
-    is_good_only: as are those that no plausible geometry errors make fit. Empty where no reading can be fitted.
+    the nominal geometry, in relation to the scatter of the points, is `_WINDOW` times the least one are left out, as
+    are those with points far beyond the reach of the arm where others have none. is_good_only: as are those that no
+    plausible geometry errors make fit. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
     units = np.array([_unit_of_misfit(_scatter(reading)) for _, reading in thinned])
     quick = np.array(nominal_scales([(robot, reading) for _, reading in thinned])) / units
+    beyond = np.array([_is_beyond_reach(robot, reading) for _, reading in thinned], bool)
+    if np.isfinite(quick[~beyond]).any():
+        quick[beyond] = np.inf
     order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
     if not order:
         return []
@@ -167,6 +173,15 @@ def _scatter(recording: Recording) -> float:
     if recording.measures not in AS_WIDE_AS_THE_ARM:
         return np.nan
     return scatter_of_points(recording)
+
+
+def _is_beyond_reach(robot: Robot, recording: Recording) -> bool:
+    """Whether the points scatter so far that the target is farther from the flange than the arm is long.
+
+    If few joints move, such points fit as well as others: they are then places of a very long tool.
+    """
+    scatter = _scatter(recording)
+    return bool(scatter > _MOST_OF_REACH * reach_of(robot, recording))
 
 
 def _unit_of_misfit(scatter_mm: float) -> float:

@@ -226,7 +226,7 @@ def _useful(source: Source, options) -> tuple[list[RawTable], list[RawTable]]:
     for quantity in QUANTITIES:
         group = getattr(mapping, quantity)
         named |= set(group.columns) if group is not None else set()
-    useful = [t for t in source.tables if find_sets(t) or named & set(t.columns)]
+    useful = [t for t in source.tables if find_sets(t) or named & _names_of_columns(t)]
     if not useful:
         if len(source.tables) == 1 or source.images:
             return list(source.tables[:1]), []
@@ -236,6 +236,11 @@ def _useful(source: Source, options) -> tuple[list[RawTable], list[RawTable]]:
     return useful, [
         t for t in source.tables if not any(t is table_of_source for table_of_source in useful)
     ]
+
+
+def _names_of_columns(table: RawTable) -> set[str]:
+    """Names of the columns, also with the name of the file in front, as the joined table has them."""
+    return {*table.columns, *(f"{table.stem}: {name}" for name in table.columns)}
 
 
 def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
