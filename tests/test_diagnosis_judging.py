@@ -8,9 +8,11 @@ import pytest
 import tomli_w
 
 from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded
 from test_real_arm_effects import without_masses
 from workbench.diagnosis.linear.problem import Finding, Found, Located, Problem
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import held_out, judging, proof, stability
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.folds import SPACE, TIME, Scheme, schemes
@@ -342,6 +344,21 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     assert all("the held-out error (blocks of time) rises" in term.reason for term in refused)
     assert judging.reported_scheme(rows).rms_after == judging.reported_scheme(rows).rms_before
     assert verdict_of((), 1e-6) == UNEXPLAINED
+
+
+def test_folds_of_one_kind_alone_search_where_terms_have_many_coefficients(monkeypatch):
+    """The other kind predicts with the terms of all samples, says so, and neither judges names nor is shown first."""
+    wave = CATALOGUE["transmission-harmonic"]("joint-2", order=3.0)
+    bench = bench_of(recorded(8, (wave,), [3e-4, 2e-4], n=120))
+    found = find(bench)
+    monkeypatch.setattr(stability, "_MANY_COEFFICIENTS", 0)
+    proved, terms, _ = proof.prove(bench, found, found_terms, (0.035, "stated"))
+    nested, same = proved.schemes
+    assert [term.finding.effect for term in terms] == ["transmission-harmonic"]
+    assert nested["nested"] and not same["nested"]
+    assert same["after"] == same["after_same_terms"] < same["before"]
+    assert terms[0].searched_folds == nested["folds"] == 5
+    assert proved.scheme == nested["folds_by"]
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.diagnosis.validation.correlated_noise import with_correlated_noise
 from workbench.diagnosis.validation.folds import LEAST_FOLDS, schemes, tested_samples
+from workbench.diagnosis.validation.stability import is_large
 from workbench.explanation.comparison import reference as references
 from workbench.explanation.comparison.differences import with_differences
 from workbench.explanation.final_model import FinalModel, residuals_of, stated_sigma, unwhitened
@@ -367,7 +368,8 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     used_seconds = time.perf_counter() - start
     jobs = jobs if used_seconds > _LONG_S else 1
     if found.findings:
-        blocks = sum(len(scheme.folds) for scheme in schemes(bench.pose, found.before))
+        counts = [len(scheme.folds) for scheme in schemes(bench.pose, found.before)]
+        blocks = max(counts) if is_large(found.findings, bench) else sum(counts)
         remaining_time = duration(used_seconds * blocks / max(jobs, 1))
         say(
             f"the whole search is repeated without each of {blocks} blocks, about {remaining_time} left"

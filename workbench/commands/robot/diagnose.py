@@ -229,13 +229,17 @@ def show(console, result) -> None:
 def _show_other_schemes(console, held_out, unit: str) -> None:
     """The held-out errors by the other ways to leave samples out that can judge the findings."""
     for row in held_out.get("schemes", ()):
-        if row["judges"] and row["folds_by"] != held_out["scheme"]:
-            console.print(
-                f"By {row['folds_by']}, {row['folds']} folds: {row['before']:.4g} {unit} for the baseline, "
-                f"{row['after']:.4g} {unit} with what the search finds in each fold, "
-                f"{row['after_same_terms']:.4g} {unit} with the findings above in every fold.",
-                markup=False,
-            )
+        if not row["judges"] or row["folds_by"] == held_out["scheme"]:
+            continue
+        figures = [
+            f"By {row['folds_by']}, {row['folds']} folds: {row['before']:.4g} {unit} for the baseline",
+            f"{row['after_same_terms']:.4g} {unit} with the findings above in every fold",
+        ]
+        if row.get("nested", True):
+            figures.insert(1, f"{row['after']:.4g} {unit} with what the search finds in each fold")
+        else:
+            figures[1] += ", in which the search was not repeated"
+        console.print(", ".join(figures) + ".", markup=False)
 
 
 def _show_sensor(console, result) -> None:

@@ -218,7 +218,8 @@ def exchange_terms(search) -> None:
     _exchange_elastic(search)
     accept_constant_loads(search)
     prefer_stated_masses(search)
-    refine_options(search)
+    # a prediction does not depend on the last digits of an order
+    refine_options(search, rounds=1 if search.for_prediction else MAX_ROUNDS)
     refine_instants(search)
 
 

@@ -44,7 +44,10 @@ _WORSE = 0.01
 
 @dataclass(frozen=True)
 class SchemeErrors:
-    """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `judges`: it can judge."""
+    """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `judges`: it can judge.
+
+    `is_nested`: with what each fold found by itself; else with the terms of all samples, fitted without the fold.
+    """
 
     scheme: Scheme
     before: np.ndarray
@@ -52,6 +55,7 @@ class SchemeErrors:
     rms_before: float
     rms_after: float
     judges: bool
+    is_nested: bool = True
 
     @property
     def improves(self) -> bool:
@@ -126,8 +130,9 @@ def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
 
 
 def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
-    """The scheme whose errors are shown: the first that judges and improves, else the first that judges."""
-    judges = [row for row in rows if row.judges] or list(rows)
+    """The scheme whose errors are shown: the first nested one that judges and improves, else the first that judges."""
+    nested = [row for row in rows if row.is_nested]
+    judges = [row for row in nested if row.judges] or nested
     return next((row for row in judges if row.improves), judges[0])
 
 

@@ -50,6 +50,7 @@ from workbench.diagnosis.validation.stability import (
     effect_indices,
     effects_of,
     judges_of_all,
+    searched_schemes,
     stable_terms,
 )
 from workbench.diagnosis.validation.step_places import with_step_places
@@ -84,7 +85,8 @@ def prove(
     errors = Errors(bench)
     terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
     terms = with_step_places(bench, terms)
-    nested = _nested_search(bench, found, find if terms else None, errors, say, jobs)
+    searched = partial(_nested_search, bench, found, errors, say=say, jobs=jobs)
+    nested = searched(find, terms) if terms else searched(None, ())
     say("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)
     terms, more = _controlled(bench, terms, say)
@@ -119,15 +121,16 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: lis
     error does not fall, the term with the least support goes.
     """
     parts, sigma = [result.scheme for result in results], sigma_of(errors.bench)
-    nested = predicted = [result.errors for result in results]
+    predicted, is_reduced = [result.errors for result in results], False
     refused: list[Term] = []
     while terms:
         judges = judges_of_all(errors.bench, terms, parts)
+        predicted = _with_same_terms(errors, results, predicted, terms)
         rows = _judged_rows(results, predicted, judges, inliers, sigma)
         if is_supported(rows):
             return terms, refused, rows
-        if predicted is nested and gone:
-            predicted = _without(errors, results, gone)
+        if not is_reduced and gone:
+            predicted, is_reduced = _without(errors, results, gone), True
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
         refused.append(refused_term(weakest, rows, errors.bench.unit))
@@ -137,6 +140,17 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: lis
         predicted = _without(errors, results, [*gone, *refused])
     plain = [result.baseline_errors for result in results]
     return [], refused, _judged_rows(results, plain, parts, inliers, sigma)
+
+
+def _with_same_terms(
+    errors: Errors, results: list[Nested], predicted: list[np.ndarray], terms: Sequence[Term]
+) -> list[np.ndarray]:
+    """The predictions (n,) by scheme; where its folds did not search, with some terms, fitted without each fold."""
+    effects = effects_of([term.finding for term in terms])
+    return [
+        after if result.is_searched else errors(effects, result.scheme.fold)
+        for result, after in zip(results, predicted)
+    ]
 
 
 def _without(errors: Errors, results: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
@@ -160,16 +174,21 @@ def _judged_rows(results: list[Nested], predicted, judges, inliers, sigma) -> li
         figures = rms_pair(result.baseline_errors, after, inliers, sigma)
         rows.append(
             SchemeErrors(
-                result.scheme, result.baseline_errors, after, *figures, result.scheme in judges
+                result.scheme,
+                result.baseline_errors,
+                after,
+                *figures,
+                result.scheme in judges,
+                result.is_searched,
             )
         )
     return rows
 
 
 def _nested_search(
-    bench, found: Found, find: Find | None, errors: Errors, say, jobs: int
+    bench, found: Found, errors: Errors, find: Find | None, terms: Sequence[Term], say, jobs: int
 ) -> list[Nested]:
-    """The search repeated inside every fold of every scheme; None: there is nothing to be proved."""
+    """The search repeated inside every fold of the schemes that repeat it; None: there is nothing to be proved."""
     parts = schemes(bench.pose, found.before)
     if find is None:
         plain = [errors((), scheme.fold) for scheme in parts]
@@ -178,8 +197,14 @@ def _nested_search(
             for scheme, plain_errors in zip(parts, plain)
         ]
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
-    results = []
-    for scheme, nested in zip(parts, _search_nested(bench, find, parts, say, jobs)):
+    searched, results = searched_schemes(bench, terms, parts), []
+    by_scheme = dict(zip(searched, _search_nested(bench, find, searched, say, jobs)))
+    for scheme in parts:
+        if scheme not in by_scheme:
+            plain = errors((), scheme.fold)
+            results.append(Nested(scheme, plain, plain, {}, 0.0, is_searched=False))
+            continue
+        nested = by_scheme[scheme]
         fold, chosen = scheme.fold, {k: effects_of(terms) for k, terms in nested.items()}
         before, after = compared((), fold), compared.predicted(fold, chosen)
         t = _t_of(compared, before, after, ~found.outliers)
@@ -226,6 +251,7 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
         "after_same_terms": rms(fixed, inliers, sigma_of(bench)),
         "t": paired_t(bench.pose, row.before, row.after, inliers, sigma_of(bench)),
         "judges": row.judges,
+        "nested": row.is_nested,
     }
 
 

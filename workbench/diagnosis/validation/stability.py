@@ -25,12 +25,18 @@ from workbench.diagnosis.validation.judging import combined_t, judging_schemes, 
 from workbench.diagnosis.validation.left_out_blocks import left_out_rows
 from workbench.diagnosis.validation.terms import Term
 
+_MANY_COEFFICIENTS = 100
+"""Coefficients of all terms from which on one kind of folds alone repeats the search. A repetition takes time with the
+square of their number, and so many are found where the samples determine each of them well: a search without a fifth
+of these finds the same."""
+
 
 @dataclass(frozen=True)
 class Nested:
     """A scheme with errors (n,) of the baseline, `baseline_errors`, and of what every fold found by itself.
 
-    `found`: fold -> findings of the search without it; `t` of the gain, as of `significance`.
+    `found`: fold -> findings of the search without it; `t` of the gain, as of `significance`. `is_searched`: whether
+    the folds searched; where not, every fold is predicted with the terms of all samples.
     """
 
     scheme: Scheme
@@ -38,6 +44,7 @@ class Nested:
     errors: np.ndarray
     found: dict[int, list[Finding]]
     t: float
+    is_searched: bool = True
 
 
 def stable_terms(
@@ -48,6 +55,7 @@ def stable_terms(
     inliers (n,) bool: samples that are no outliers. No term stays where what the folds found does not predict what they
     have not seen.
     """
+    nested = [result for result in nested if result.is_searched]
     if not terms:
         return [], []
     judges = judges_of_all(bench, terms, [result.scheme for result in nested])
@@ -76,6 +84,21 @@ def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> li
         scheme for scheme in schemes if all(scheme in judges_of_term for judges_of_term in able)
     ]
     return common or able[int(np.argmax([finding.gain for finding in findings]))]
+
+
+def searched_schemes(bench, terms: Sequence[Term], parts: Sequence[Scheme]) -> list[Scheme]:
+    """The schemes whose folds repeat the search: all, or the first that can judge every term where these are large."""
+    if not is_large([term.finding for term in terms], bench):
+        return list(parts)
+    return judges_of_all(bench, terms, parts)[:1]
+
+
+def is_large(findings: Sequence[Finding], bench) -> bool:
+    """Whether findings on an arm have so many coefficients that one kind of folds alone repeats the search."""
+    if bench.chain is None:
+        return False
+    count = sum(len(effect.parameters(bench.chain)) for effect in effects_of(findings))
+    return count > _MANY_COEFFICIENTS
 
 
 class _Folds:

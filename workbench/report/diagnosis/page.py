@@ -281,7 +281,7 @@ def _scheme_table(schemes, unit: str) -> dict:
             s["folds_by"],
             s["folds"],
             rounded(s["before"]),
-            rounded(s["after"]),
+            rounded(s["after"]) if s.get("nested", True) else "not repeated",
             rounded(s["after_same_terms"]),
             f"{s['t']:.1f}",
             "yes" if s.get("judges", True) else "no",
