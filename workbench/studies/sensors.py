@@ -51,7 +51,7 @@ def figures(study: Study, seed: int) -> Row:
             file = Path(home) / "scanner.toml"
             write_scanner(true_scanner(scene), file)
         found = scan(datasets.read(images), file, clouds, lambda line: None)
-        return errors_of(found, recording.truth, scene) | (
+        return errors_of(found, recording.truth) | (
             _calibration(found, scene) if file is None else {}
         )
 
@@ -68,7 +68,7 @@ def true_scanner(scene: Scene) -> Scanner:
     )
 
 
-def errors_of(found: Scans, truth: dict, scene: Scene) -> Row:
+def errors_of(found: Scans, truth: dict) -> Row:
     """Errors of all balls of all scans against their true centres; mm, in the camera frame.
 
     A ball counts as found within its radius of a true centre. `centre_x_mm` … are means over the balls,

@@ -279,7 +279,7 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
             result = import_recording(sources, out, options, say)
     summary = {"command": "import", "sources": list(sources), **result.as_json(), "folder": out}
     import_dialogue.show(console, summary, result)
-    if asks and not import_dialogue.is_confirmed(console):
+    if asks and not import_dialogue.is_confirmed():
         import shutil
 
         shutil.rmtree(out)

@@ -36,7 +36,7 @@ def _ask(question) -> int:
     return chosen - 1
 
 
-def is_confirmed(console) -> bool:
+def is_confirmed() -> bool:
     """Whether the person accepts the preview."""
     import typer
 

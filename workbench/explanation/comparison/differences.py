@@ -75,7 +75,7 @@ def differences(
     model = replace(model, chain=_scaled(model.chain, all_differences.sigma_scale), _bases={})
     fit = solve(model, _free(model, start, chosen))
     rows = _rows(model, start, fit, candidates, chosen)
-    noise = _noise(reference, moving, model.chain, all_differences)
+    noise = _noise(reference, moving, all_differences)
     return Differences(tuple(rows[:_MOST]), noise, len(candidates))
 
 
@@ -254,7 +254,7 @@ def _confounded(model, start, fit: Fit, candidates, chosen) -> dict[str, list[st
     return found
 
 
-def _noise(reference: Reference, moving, chain: RobotChain, fit: Fit) -> dict:
+def _noise(reference: Reference, moving, fit: Fit) -> dict:
     """Stated and found 1 sigma of a coordinate (mm), their ratio, and the p-value that the statement is right."""
     rows = slice(0, min(3, len(fit.residual)))
     residual = fit.residual[rows]

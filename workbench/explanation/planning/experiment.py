@@ -192,7 +192,7 @@ def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Candidate
     others = tuple(
         e for other_term in terms if other_term is not term for e in other_term.finding.effects
     )
-    pair = _confounded_pair(bench, term, problem) if bench.chain is not None else None
+    pair = _confounded_pair(term, problem) if bench.chain is not None else None
     return others, pair, compared(bench, others, pair, kinds) if pair is not None else []
 
 
@@ -254,7 +254,7 @@ def _called(term: Term) -> str:
     return f"{'an unknown error' if found.effect == 'unknown' else found.effect} at {place(found.where)}"
 
 
-def _confounded_pair(bench, term: Term, problem: Problem) -> ConfoundedPair | None:
+def _confounded_pair(term: Term, problem: Problem) -> ConfoundedPair | None:
     """The finding and its likeliest named alternative; None if it has none."""
     estimated = [
         row for row in term.parameters if not row.get("derived")
@@ -322,7 +322,7 @@ def _information_gain(
     bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording
 ) -> dict | None:
     """Expected separation of the two explanations with the plan's best poses."""
-    rows, places_of_term, prior, typical = _rows(bench, fitted, pair, plan)
+    rows, places_of_term, prior, typical = _rows(fitted, pair, plan)
     n = bench.chain.n
     size = np.zeros(rows.shape[2])
     size[places_of_term] = pair.values / typical
@@ -361,7 +361,7 @@ def _separation(normal, size, places_of_term) -> float:
     return float(np.sqrt(max(size[places_of_term] @ schur_complement @ size[places_of_term], 0.0)))
 
 
-def _rows(bench, fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
+def _rows(fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
     """Whitened rows (n + extra, m, F) in typical sizes, places of the finding's parameters, precisions, their sizes."""
     chain = bind(fitted.chain.robot, plan.recording, fitted.chain.start)
     chain = replace(chain, state=plan.state(chain))

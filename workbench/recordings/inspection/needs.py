@@ -86,7 +86,7 @@ def needs_of(
     else:
         found += _calibration_needs(recording, coverage)
         found += _noise_needs(recording, repeats)
-        found += _diagnosis_needs(recording, repeats)
+        found += _diagnosis_needs(recording)
     return tuple(sorted(found, key=lambda need: not need.is_required))
 
 
@@ -249,7 +249,7 @@ def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
         yield Need("calibrate", False, what, "correct sigma_mm or remove it")
 
 
-def _diagnosis_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
+def _diagnosis_needs(recording: Recording) -> Iterator[Need]:
     columns = recording.columns
     load = columns.get("payload_kg")
     if load is None or np.ptp(load) == 0:
