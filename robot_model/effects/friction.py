@@ -7,6 +7,7 @@ from pydantic import Field
 
 from robot_model.effects.transmission import Backlash
 from robot_model.effects.unknown_masses import bar_torque
+from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
@@ -87,7 +88,7 @@ class JointHysteresis(Effect):
         if not robot.mass.any() and not robot.payload_mass:
             return np.abs(bar_torque(state, joint))
         reach = np.abs(robot.geometry[:, 1:3]).sum() * 1e-3
-        greatest = 9.80665 * reach * (robot.mass[joint:].sum() + robot.payload_mass)
+        greatest = STANDARD_GRAVITY * reach * (robot.mass[joint:].sum() + robot.payload_mass)
         return np.abs(state.torque[joint]) / max(greatest, 1.0)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from robot_model.chain import cross
 from robot_model.effects.elastic import link_direction, link_line, one_each
 from robot_model.effects.steps import instants_between
+from robot_model.statics import STANDARD_GRAVITY
 from workbench.core.covariates import clock, instant_format
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.parameters import Parameter
@@ -282,7 +283,7 @@ class LinkBeam(Effect):
         """(3, n) N m: moment at the root minus that at the tip, the link's vector times the weight beyond it."""
         masses = state.robot.mass[self.number :].sum() + state.payload
         gravity = np.einsum("cin,i->cn", state.frames.link[self.number], state.gravity)
-        weight = gravity * masses * 9.80665
+        weight = gravity * masses * STANDARD_GRAVITY
         return cross(np.broadcast_to(vector[:, None] * 1e-3, weight.shape), weight)
 
 

@@ -20,6 +20,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from workbench.core import deadline
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.rigid import icosahedral_rotations, nearest_rotation, rotation_matrix
 
 TOOL_PRIOR_MM = 500.0
@@ -53,7 +54,6 @@ _CONVEX = 1e-6  # of the mean diagonal, that the least eigenvalue of a Hessian e
 _LEAST_VARIANCE = 1e-4
 _WEAKER = 1e3
 _CAUCHY = 6.0  # robust standard deviations at which a sample's weight is one half
-_MEDIAN_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class RotationSystem:
     def _robust_weights(self, start: Start) -> np.ndarray:
         """(n,) Cauchy weights of the samples from their distance at a start."""
         distance = self._distances(start.rotations, start.translations)
-        sigma = _MEDIAN_TO_SIGMA * np.median(distance)
+        sigma = MEDIAN_TO_SIGMA * np.median(distance)
         return 1 / (1 + (distance / max(_CAUCHY * sigma, 1e-9)) ** 2)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.ball.result import OUTLIER, BallFit
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 DETERMINED_MM = 0.1
 """1 sigma of the centre along any direction up to which a ball on few stripes counts as found."""
@@ -80,7 +81,7 @@ def _scatter(row, middle) -> float:
     seen = np.isfinite(row)
     place = np.linspace(-1, 1, len(row))[seen]
     parabola = np.polyval(np.polyfit(place, row[seen], 2), place)
-    return 1.4826 * float(np.median(np.abs(row[seen] - parabola)))
+    return MEDIAN_TO_SIGMA * float(np.median(np.abs(row[seen] - parabola)))
 
 
 def _bent(deviation: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import solve_positive
 
@@ -134,7 +135,7 @@ def _noise(flat, label, count):
     inside = label[2:] == label[:-2]
     bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[inside] / np.sqrt(6)
     spreads = [
-        1.4826 * np.median(np.abs(bend[label[2:][inside] == k]))
+        MEDIAN_TO_SIGMA * np.median(np.abs(bend[label[2:][inside] == k]))
         for k in range(count)
         if (label[2:][inside] == k).any()
     ]
@@ -182,7 +183,9 @@ def _through(a, b, c):
 
 def _within(gap, label, used, count):
     """(n,) True within 3.5 sigma of each profile's own robust spread."""
-    spread = np.array([1.4826 * np.median(np.abs(gap[used & (label == k)])) for k in range(count)])
+    spread = np.array(
+        [MEDIAN_TO_SIGMA * np.median(np.abs(gap[used & (label == k)])) for k in range(count)]
+    )
     return np.abs(gap) < _SIGMAS * spread[label]
 
 

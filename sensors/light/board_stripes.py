@@ -8,6 +8,7 @@ import numpy as np
 from sensors.boards.board import Board
 from sensors.light.board_chain import BoardStripeChain, Evaluation
 from sensors.light.grouping import centred, groups
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
 
 _FAR = 5.0  # robust sigmas from the centreline of its own stripe beyond which a point is wrong
@@ -158,7 +159,7 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     for _ in range(_ROUNDS):
         centreline = _fitted(shape, residual, weights / sigma**2, group, count)
         deviation = np.abs(residual - centreline) / sigma
-        spread = max(1.4826 * np.median(deviation), 1e-12)
+        spread = max(MEDIAN_TO_SIGMA * np.median(deviation), 1e-12)
         weights = 1 / (1 + (deviation / (2 * spread)) ** 2)
     return deviation > _FAR * spread
 

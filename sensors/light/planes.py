@@ -3,6 +3,7 @@
 import numpy as np
 
 from sensors.state import stripe_direction
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.bundle import Family
 from workbench.core.least_squares.linear_algebra import thin_svd
 
@@ -66,7 +67,7 @@ def plane_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         middle = points[:, is_inlier].mean(1)
         _, spread, directions = thin_svd((points[:, is_inlier] - middle[:, None]).T)
         distance = np.abs(directions[2] @ (points - middle[:, None]))
-        is_inlier = distance <= max(3 * 1.4826 * np.median(distance), 1e-12)
+        is_inlier = distance <= max(3 * MEDIAN_TO_SIGMA * np.median(distance), 1e-12)
     plane = np.append(directions[2], -directions[2] @ middle)
     return plane * (1.0 if plane[3] >= 0 else -1.0), spread / np.sqrt(is_inlier.sum())
 

@@ -21,6 +21,7 @@ from sensors.scanner.residuals.line_dependence import LineDependence, line_depen
 from sensors.scanner.residuals.rejected_points import RejectedPoints, rejected_points
 from sensors.scanner.shared import own_noise, with_shared_errors
 from sensors.stripe.surface_bias.surface_line import LineShape
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -215,7 +216,7 @@ def _result(camera, found, free, adjustment, checked, held_out, provenance) -> S
     last = last.moved(adjustment.camera, stripes.poses, stripes.planes, stripes.mirror)
     pixels, millimetres = residuals(adjustment, last)
     is_good = ~found.wrong & (
-        np.abs(pixels) <= 5 * 1.4826 * np.median(np.abs(pixels[~found.wrong]))
+        np.abs(pixels) <= 5 * MEDIAN_TO_SIGMA * np.median(np.abs(pixels[~found.wrong]))
     )
     dropped = {**found.dropped, _WRONG: int((~is_good).sum())}
     plane_covariances = adjustment.apart(found.volume)

@@ -7,6 +7,7 @@ import numpy as np
 
 from sensors.light.board_chain import BoardStripeChain
 from sensors.scanner.adjustment import Adjustment, solve_once, stripe_model
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 _FOLDS = 20
 _INLIER = 3.0  # robust sigmas
@@ -88,7 +89,7 @@ def leave_out(
 def _judged(folds, pixels, millimetres, all_stripes):
     judged = np.isfinite(millimetres)
     size = np.abs(np.where(judged, millimetres, np.inf))
-    inlier = size <= _INLIER * 1.4826 * np.median(size[judged]) if judged.any() else judged
+    inlier = size <= _INLIER * MEDIAN_TO_SIGMA * np.median(size[judged]) if judged.any() else judged
     group = all_stripes.labels["placement"][judged]
     count = np.bincount(group, minlength=len(all_stripes.poses))
     squares = np.bincount(group, millimetres[judged] ** 2, len(all_stripes.poses))

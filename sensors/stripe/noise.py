@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.stripe.profile import Noise
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 _CLIP, _KEPT = 3.0, 0.97334
 """Sigma beyond which a difference is no noise, and the part of a normal variance that lies within."""
@@ -23,7 +24,7 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
     image = image.astype(np.float32)
     rough = np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]) / np.float32(np.sqrt(6))
     rough = rough.ravel() if region is None or not region[:, 1:-1].any() else rough[region[:, 1:-1]]
-    sigma = max(1.4826 * float(_median(rough)), 0.3)
+    sigma = max(MEDIAN_TO_SIGMA * float(_median(rough)), 0.3)
     for _ in range(10):
         small = rough[rough < _CLIP * sigma]
         before = sigma
@@ -117,7 +118,7 @@ class _Scene:
             scale, offset, _ = _line_fit(a, b, use, self.uneven)
             rest = a - scale * b
             middle = _median(rest)
-            spread = max(1.4826 * float(_median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
+            spread = max(MEDIAN_TO_SIGMA * float(_median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
             before = use
             use = np.abs(rest - middle * self.uneven) < 3 * spread
             if np.array_equal(use, before):

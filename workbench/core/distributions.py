@@ -7,6 +7,9 @@ takes about half a second to import, which every command would pay.
 import numpy as np
 from scipy import special
 
+MEDIAN_TO_SIGMA = 1.4826
+"""Standard deviation of normal deviations over the median of their absolute values."""
+
 
 class norm:
     """The standard normal distribution."""

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sensors.stripe.surface_bias.surface_line import SMOOTH, SurfaceLine
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.linear_algebra import inverse_positive
 
 _SURFACES_VARY = np.array([0.5, 1.0])  # std of exponent and gloss among surfaces in general
@@ -60,7 +61,7 @@ def brightness_law(bend: SurfaceLine, width: np.ndarray, peak: np.ndarray) -> Br
     weight = np.ones(usable.sum())
     for _ in range(_REWEIGHTED):
         misfit = np.abs(level - found @ rows)
-        scatter = max(1.4826 * float(np.median(misfit)), _LEAST_SCATTER)
+        scatter = max(MEDIAN_TO_SIGMA * float(np.median(misfit)), _LEAST_SCATTER)
         weight = np.minimum(1, scatter / np.maximum(misfit, _LEAST_SCATTER)) / scatter**2 / _GRAIN
         covariance = inverse_positive((rows * weight) @ rows.T + np.diag(precision))
         found = covariance @ (rows @ (weight * level))

@@ -9,6 +9,7 @@ Engineering 19 (1980) 139), here with the two components in the plane alone.
 import numpy as np
 
 from sensors.state import stripe_direction
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 _FAR = 1e6  # mm
 _DARK = 0.2  # of the brightest, below which blur and shadow fill what is measured
@@ -39,7 +40,7 @@ def light_on_ball(plane: np.ndarray, outward: np.ndarray, flux: np.ndarray) -> n
         direction = np.linalg.lstsq(rows[:, usable].T, flux[usable], rcond=None)[0]
         predicted = direction @ rows
         misfit = flux - predicted
-        scale = 1.4826 * float(np.median(np.abs(misfit[usable])))
+        scale = MEDIAN_TO_SIGMA * float(np.median(np.abs(misfit[usable])))
         usable = (predicted > _DARK * np.linalg.norm(direction)) & (np.abs(misfit) <= 3 * scale)
     if usable.sum() < _FEWEST or misfit[usable].std() > _MATT * flux[usable].mean():
         return None

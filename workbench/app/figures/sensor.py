@@ -11,6 +11,7 @@ from workbench.app.data.recorded_images.image_errors import ImageError
 from workbench.app.data.recorded_images.images import Overlay
 from workbench.app.data.sensor import cloud_of, scanner_of
 from workbench.app.figures import style
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.report.calibration.scene import arrow_step
 from workbench.report.sensor import space
 
@@ -226,7 +227,7 @@ def _colour_range(deviation: np.ndarray) -> float:
     """Five robust standard deviations."""
     if not deviation.size:
         return 1.0
-    return max(5 * 1.4826 * float(np.median(np.abs(deviation))), 1e-6)
+    return max(5 * MEDIAN_TO_SIGMA * float(np.median(np.abs(deviation))), 1e-6)
 
 
 def ball_name(ball: Mapping) -> str:

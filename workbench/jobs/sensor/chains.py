@@ -29,6 +29,7 @@ from sensors.scanner.residuals.line_dependence import LineDependence, line_covar
 from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.asymmetry import Profiles, asymmetry
 from sensors.stripe.second_line import SecondLine, second_line
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.bundle import BundleFit
 from workbench.core.model import Model
 from workbench.files.images.images import by_role
@@ -38,7 +39,6 @@ from workbench.jobs.sensor import scanner as scanners
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""
 _ENOUGH = 30  # third differences that tell a noise
-_NORMAL = 1.4826  # sigma over the median of absolute deviations
 _WRONG = 4.0
 _STILL = 1e-6  # rad
 _ODD = 0.05  # of one, by which a mirror's turn may differ from the commanded one
@@ -274,7 +274,7 @@ def noise_scale(chain, name: str) -> float | None:
     third = _third_differences(residual, sigma, along, four)
     if third.size < _ENOUGH:
         return None
-    usual = _NORMAL * np.median(np.abs(third))
+    usual = MEDIAN_TO_SIGMA * np.median(np.abs(third))
     return float(np.sqrt((third[np.abs(third) <= _WRONG * usual] ** 2).mean()))
 
 

@@ -13,6 +13,7 @@ from sensors.ball.fit import fit_ball
 from sensors.hand_eye.centres import Centres, hand_eye_from_centres
 from sensors.hand_eye.motion import motion
 from sensors.hand_eye.profiles_start import circle_distances, find_start
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
 
 _OUTLYING = 5.0
@@ -115,7 +116,7 @@ def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
     if len(found) < 2:
         return None
     middle = float(np.median(found))
-    spread = 1.4826 * float(np.median(np.abs(np.array(found) - middle)))
+    spread = MEDIAN_TO_SIGMA * float(np.median(np.abs(np.array(found) - middle)))
     sigma = spread / np.sqrt(len(found))
     if abs(middle - stated) < max(_SIGMAS * sigma, _LEAST_SHARE * stated):
         return None
