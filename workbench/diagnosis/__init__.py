@@ -1,6 +1,6 @@
-"""The engine of a diagnosis: what physics a fitted baseline leaves out is searched, named and proved.
+"""The engine of a diagnosis: searches unmodelled effects of a fitted baseline, and validates them.
 
-`workbench.explanation` asks for it and makes an answer of what it finds.
+`workbench.explanation` calls it and writes the answer. The development page lists the steps in the code.
 """
 
 from workbench.diagnosis.linear.candidates import Candidate, Scan, Site

@@ -1,7 +1,7 @@
-"""The linearised problem: residual and candidates of a fitted baseline as columns, their evidence, and where it sits.
+"""The linearised problem: residual and candidates of a fitted baseline as columns, their evidence, and their places.
 
-`candidates` are the columns to be compared with the residual, `problem` holds all arrays; `hypotheses` ranks laws
-of the library and smooth nonparametric alternatives, and says at which place of the chain a mismatch sits; `evidence`
-weighs each from inner products. An alternative is a function of one or two covariates at a place: an effect that is not
-in the library must not get the name of the least bad law.
+`candidates` defines the columns that are compared with the residual, `problem` contains all arrays; `evidence`
+computes the evidence of a candidate from inner products; `hypotheses` ranks effects of the catalogue and smooth
+nonparametric alternatives, and locates the discrepancy in the measuring chain. An alternative is a function of one or
+two covariates at a place. Without it, an effect that is not in the catalogue would be reported as the least bad one.
 """

@@ -40,10 +40,10 @@ class Problem:
     px); `widened`: by how much it exceeds the stated sigma. `pose` (n,): labels; repeats share one.
     `order` (n,): time or row. `covariates` name -> (n,). `effects`: those in the model in addition to the
     baseline's. `added`, `values`: columns (N, P) and fitted values
-    (P,) of each of them, where they are not in the basis yet; `conditional_on` puts them there, or back into the
-    residual. `with_masses`: variants of candidates with numbers more for what their law takes from a data sheet.
-    `growing`: places that are looked at only for what moves from sample to sample (the length of a link).
-    `given`: whitened sum of squares of what elastic laws of the baseline make beyond its geometry.
+    (P,) of each of them, which are not in the basis; `conditional_on` puts them there, or back into the
+    residual. `with_masses`: variants of candidates with additional parameters for the masses of the data sheet.
+    `growing`: places that are tested only for random effects (the length of a link).
+    `given`: whitened sum of squares that elastic laws of the baseline explain beyond its geometry.
     `mass_responses`: of every elastic law, what first moments that are off by one sigma change in its columns;
     `given_values`: (effect, where) -> fitted values (P,) of the elastic laws that the baseline holds.
     `columns_of`: makes the columns (N, P) of an effect at its null, of one that is no candidate; with an effect on
@@ -335,9 +335,9 @@ class Bench:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Something that explains a finding about as well.
+    """An effect that explains a finding about as well.
 
-    `probability`: its share of the posterior; `alike`: how much of the finding's signature it makes
+    `probability`: its share of the posterior; `alike`: share of the finding's signature that it explains
     in these poses (squared canonical correlation, 0-1); `why`: a short reason; `missing`: the
     covariate that was not recorded and that it would need.
     """
@@ -399,10 +399,10 @@ class Located:
 class Found:
     """Result of `select.find`, in the order of the search.
 
-    `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise
-    p-value that anything at all is missing; `p_remainder` that anything is left at the end. `located`:
-    of the baseline's mismatch, and of what is left (`remainder`). `outliers`: (n,) bool. `noise_findings`:
-    findings on the variance. `history`: lines that say what was tried and why.
+    `before`, `after`: the problems of the baseline and of the final model. `p_first`: family-wise p-value of a baseline
+    without unmodelled effects; `p_remainder`: of a final model without them. `located`: places of the discrepancy
+    of the baseline; `remainder`: of the final model. `outliers`: (n,) bool. `noise_findings`: findings on the variance.
+    `history`: a line for each step of the search.
     """
 
     findings: tuple[Finding, ...]

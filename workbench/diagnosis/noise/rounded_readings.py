@@ -37,7 +37,7 @@ def rounding_variance(problem: Problem) -> np.ndarray:
 
 
 def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
-    """A finding for each joint whose rounding makes a part of what is left that matters, and for those rounded alike.
+    """A finding for each joint whose rounding causes a relevant part of the residual, and for those with the same step.
 
     problem: with all effects that were found. p_value: of the rounding errors of all joints together.
     """

@@ -66,11 +66,11 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
 
 
 def prefers_term(without: Problem, with_term: Problem) -> bool:
-    """Whether a term and the correlation that remains next to it are likelier than the correlation alone.
+    """Whether a model with a term and correlated noise is more probable than one with correlated noise alone.
 
-    A step makes what it leaves unexplained correlated, so that the correlation is estimated in both models. The instant
-    of the term counts as one more number. Problems of the same samples, with the term in the residual of the first and
-    in the basis of the second.
+    An unexplained step makes the residual correlated; the correlation is therefore estimated in both models. The
+    instant of the term counts as one more parameter. Both problems have the same samples; the term is in the residual
+    of the first and in the basis of the second.
     """
     gain = log_evidence(without, with_term) - log_evidence(without, without)
     poses = min(len(np.unique(without.pose)), _MOST_POSES)

@@ -1,5 +1,5 @@
-"""The bench of a robot: solves baseline and effects, and lists what may be missing.
+"""The bench of a robot: solves baseline and effects, and lists the candidates.
 
-`library` lists the effects of the catalogue, `places` where a smooth function may act; `mass_responses` makes
-elastic laws whose masses are estimated; `linearised` makes the arrays of a fit.
+`library` lists the effects of the catalogue, `places` the places where a smooth function may act, `mass_responses`
+elastic laws with estimated masses; `linearised` computes the arrays of a fit.
 """

@@ -61,11 +61,12 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
 
 
 def _beyond_carriers(model: Model, fit: Fit, white, effects, added, values, basis):
-    """Columns (N, P) and values (P,) of all effects, those of loads less what resembles the compliances' own columns.
+    """Columns (N, P) and values (P,) of all effects, those of loads orthogonal to the compliances' own columns.
 
-    A load acts through every compliance. What it makes by way of one is mostly that one's own column, next to which the
-    compliance has no gain of its own. This part is taken out of the load's columns and added to the compliance's
-    values: together the effects make what they made. A compliance that carries nothing takes up nothing.
+    A load acts through every compliance. Its effect through one compliance is mostly proportional to the column of that
+    compliance, which then has no gain conditional on the load. This part is removed from the load's columns and added
+    to the value of the compliance, so that the sum of all effects does not change. A compliance that carries no load
+    receives nothing.
     """
     carriers = [i for i, effect in enumerate(effects) if effect.carries_load]
     loads = [i for i, effect in enumerate(effects) if effect.port in STATE_PORTS]
@@ -133,10 +134,10 @@ def _rows_at(problem: Problem, model: Model, fit: Fit) -> "_Rows":
 
 
 def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
-    """(N, R) basis of what the baseline can make, with no effect but its own in the model.
+    """(N, R) basis of the baseline's Jacobian, linearised without further effects.
 
-    An effect at work lifts degeneracies of the geometry by its own small size: directions in which
-    the arm could only move by centimetres to hide a micrometre, which no prior allows.
+    An effect in the model lifts degeneracies of the geometry by its own small size. In these directions the geometry
+    would have to change by centimetres to compensate a micrometre, which no prior permits.
     """
     start = model.parameters.take_over(fit.parameters)
     free = start.only(start.mask & ~_noise(model))

@@ -1,9 +1,8 @@
 """Findings of a sensor and the effects that are confounded with them to first order.
 
-A mirror hides nearly all of a wobble, so what is seen of one is large, and of what is large the
-derivatives at nothing make only nine tenths. Such a difference of gains is no evidence for a name, nor one for a
-smooth nonparametric alternative against a law that would be large: about
-a solution with the function the law looks small.
+A mirror's parameters absorb nearly all of a wobble. A wobble that is detected is therefore large, and its linearisation
+at zero explains only about nine tenths of it. Such a difference of gains is no evidence for one effect, nor for a
+smooth nonparametric alternative against a large effect: in a solution with the function the effect seems small.
 """
 
 from collections.abc import Sequence

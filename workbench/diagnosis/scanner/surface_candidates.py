@@ -1,8 +1,8 @@
 """Effects that points on a ball can show of a sensor with its own calibration, and smooth nonparametric alternatives.
 
 The columns of an effect are those of its own definition (`Effect.basis`), as displacements along the ball's normal.
-An alternative displaces the points along one axis of the sensor by a function of one covariate. Where one explains more
-than every effect with a name, something is missing that no name describes.
+An alternative displaces the points along one axis of the sensor by a function of one covariate. If it explains more
+than every effect of the catalogue, the discrepancy is unexplained.
 """
 
 from collections.abc import Iterator, Mapping

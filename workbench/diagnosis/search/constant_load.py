@@ -1,7 +1,7 @@
 """A load that acts all the time, searched together with the compliances that it deflects.
 
-Next to no compliance such a load moves nothing. Next to compliances that were found without it, it has little left to
-explain: they have taken its place, with masses that the data sheet does not know. The deflection is bilinear in
+Without a compliance such a load moves nothing. Conditional on compliances that were estimated without it, it explains
+little: they have absorbed its effect, with masses that differ from the data sheet. The deflection is bilinear in
 compliances and load. So for a given load the likeliest set of laws is searched, and for a given set the load is
 estimated, in turn (variable projection: Golub & Pereyra, Inverse Problems 19 (2003) R1). The result is solved, and kept
 where it is clearly likelier than what is accepted.

@@ -128,12 +128,12 @@ def bare_finding(h: Hypothesis) -> Finding:
 
 
 def _explains_more(function: Hypothesis, law: Hypothesis, explained: float) -> bool:
-    """Whether a nonparametric function explains more than a law's own error may leave of all that is `explained`.
+    """Whether a nonparametric function explains more than the model error of the laws, of all that is `explained`.
 
-    A function of the very covariates that the law reads, at its place, differs from the law only by its shape: of what
-    the law explains itself, only the error of a law that is right is then left. What other laws explain may be wrong
-    by more, and so may all of it before a law's place is in doubt. A function of a joint's own angle is the law that
-    makes all of it, see `is_law_of_function`.
+    A function of the same covariates as the law, at its place, differs from the law only by its shape. Then only the
+    model error of this law is permitted, as a share of what it explains itself. For other functions the error of all
+    that is explained is permitted, before the place of the law is in doubt. For a function of a joint's own angle see
+    `is_law_of_function`.
     """
     if is_law_of_function(function, law):
         return False
@@ -255,14 +255,15 @@ def _alternatives(
 
 
 def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: Finding) -> Finding:
-    """The finding as likely as what is left at its very place allows: something unnamed there might make both.
+    """The finding, its probability reduced by that of one unknown effect at its place that causes it and the remainder.
 
-    That takes one thing instead of two at one place, but its direction must be the law's by chance but for a share s
-    of the whole: a direction among P lies so near to r given ones with a chance of about s^((P - r) / 2) (the tail of
-    the beta distribution of a squared correlation). Next to something at a link or the base, which may move in any
-    direction, a law of one joint has one direction, however many parameters its function has. What is left at the
-    joint itself turns about the same axis: only the function, of r parameters, is then a coincidence.
-    All of this as far as what is left is probably at that place: one strange effect leaves something at every place.
+    One unknown effect is simpler than two effects at one place, but its direction must equal that of the law by chance
+    up to a share s of the whole. Among P directions one lies so near to r given ones with a probability of about
+    s^((P - r) / 2) (tail of the beta distribution of a squared correlation). If the remainder is at a link or the base,
+    which may move in any direction, a law of one joint has one direction, however many parameters its function has. A
+    remainder at the joint itself rotates about the same axis: then only the function, of r parameters, coincides.
+    The reduction is weighted by the probability that the remainder is at this place, since one unknown effect leaves a
+    remainder at every place.
     """
     unexplained, moves, port, is_there = _unexplained_at_place(search, judged)
     if unexplained <= 0:

@@ -157,10 +157,10 @@ def _names(terms: Sequence[Hypothesis]) -> set[tuple]:
 def with_estimated_options(
     search, pool: Sequence[Hypothesis], conditions: tuple[int, ...]
 ) -> list[Hypothesis]:
-    """Terms for a search with a variant more of each effect that is clearly there: that of the likeliest option.
+    """Terms for a search, with one more variant of each clearly present effect: that with the most probable option.
 
-    Conditional on the accepted terms whose numbers are `conditions`. Two neighbours of a grid make a wave between them,
-    and a function without a law what a warm-up on a grid leaves: a search without that variant prefers them.
+    Conditional on the accepted terms numbered `conditions`. Without this variant a search would prefer two neighbouring
+    options of the grid to a wave between them, or add a smooth function to a warm-up with an option of the grid.
     """
     seen, more = set(), []
     projected = Projected(search.problem.conditional_on(conditions))

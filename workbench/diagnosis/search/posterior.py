@@ -1,8 +1,8 @@
-"""Names by their posterior: an effect summed over its variants at a place, elastic terms over sets (Occam's window).
+"""Posterior of effects: summed over the variants at a place, and for elastic terms over sets (Occam's window).
 
-Madigan & Raftery, JASA 89 (1994) 1535: a term's probability is the share of the sets near the likeliest one that hold
-it. A probability conditional on all other terms knows only single exchanges; elastic terms move the measured point so
-much alike that two of them are exchanged for two others.
+Madigan & Raftery, JASA 89 (1994) 1535: the probability of a term is the share of those sets near the most probable one
+that contain it. A probability conditional on all other terms considers only single exchanges; elastic terms move the
+measured point so similarly that two of them can be exchanged for two others.
 """
 
 from collections.abc import Sequence
@@ -285,9 +285,9 @@ def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis 
 
 
 def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
-    """Whether a law of a joint's own angle makes all that a function of this angle there makes.
+    """Whether a law of a joint's own angle explains as much as a smooth function of this angle does.
 
-    A joint's error as any function of its own angle has a name; the two differ by their bases alone.
+    Any error of a joint that is a function of its own angle is a `joint-curve`; the two differ only by their bases.
     """
     is_there = not law.smooth_covariates and law.where == function.where
     return (

@@ -1,5 +1,5 @@
 """Nested cross-validation, the only rule by which a term is accepted.
 
-`folds` parts the samples; `held_out` predicts those left out; `judging` says which split can judge a term; `controls`
-permutes or shifts a cause; `proof` searches the folds and brings these together.
+`folds` divides the samples; `held_out` predicts those left out; `judging` decides which division can test a term;
+`controls` permutes or shifts a cause; `proof` repeats the search in the folds and combines all tests.
 """

@@ -163,15 +163,15 @@ def _scale(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def _jackknife_t(falls: np.ndarray, moved: np.ndarray, in_order: bool = False) -> float:
-    """t of the sum of the falls (p,) of poses that differ in how much of an effect they can show, `moved` (p,).
+    """t of the sum of the falls (p,) of the loss of poses with different sensitivity `moved` (p,) to an effect.
 
-    in_order: the poses stand in the order in which they were measured.
+    in_order: whether the poses are in the order in which they were measured.
 
-    An effect moves the prediction of some poses a lot and of others not at all: a ball's not by what the board does,
-    a board's hardly where it stands square to the light. Where an effect is there, a pose's fall is in proportion to
-    the square of that; how the poses differ in it is no doubt of the effect, and only what the falls differ from
-    proportion by is. Each pose's by the proportion of all the others (MacKinnon & White, J. Econometrics 29 (1985),
-    the jackknife), so that one that shows nearly all of it by itself proves little.
+    An effect changes the prediction of some poses a lot and of others not at all: that of a ball is independent of the
+    board, that of a board perpendicular to the light hardly changes. If the effect is present, the fall of a pose is
+    proportional to the square of this change. Only the deviations from this proportionality enter the standard error,
+    each pose by the proportion of all others (jackknife: MacKinnon & White, J. Econometrics 29 (1985)), so that a
+    single pose that shows nearly all of an effect proves little.
     """
     total, shown = falls.sum(), moved.sum()
     shown_by_others = shown - moved  # by all others

@@ -155,10 +155,10 @@ def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
 
 
 def without_others(bench, problem: Problem, rest: Sequence[int], samples) -> Problem:
-    """A problem with the effects of the numbers `rest` alone; samples (n,) bool that it holds (None: all).
+    """A problem with the effects numbered `rest` alone; samples (n,) bool that it contains (None: all).
 
-    To first order about its own solution, unless a load or a tilt is left out. The compliances would keep the loaded
-    torque, with which they make nearly all of what the load makes: that model is solved by itself.
+    To first order about its own solution, unless a load or a tilt is removed. The compliances would keep the loaded
+    torque, with which they imitate nearly all of the effect of the load: the model without it is solved again.
     """
     effects = problem.effects
     others = [effect for i, effect in enumerate(effects) if i not in rest]

@@ -1,8 +1,8 @@
-"""The place of a step, compared by evidence under the correlation that each place leaves.
+"""The place of a step, compared by evidence with correlated noise.
 
-The search takes what a step leaves for independent noise. Where more is missing, the six numbers of a part that moved
-follow this, too, and seem to prove its place. With a correlation of its own in every model, only what the other places
-leave beyond that counts, and each number that a place has more is paid for.
+The search assumes independent noise. If further effects are missing, the six parameters of a part that moved fit these,
+too, and seem to prove its place. With the correlation of the noise estimated for every place, only the structure beyond
+it distinguishes the places, and every additional parameter is penalised.
 """
 
 from collections.abc import Sequence

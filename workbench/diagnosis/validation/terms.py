@@ -13,9 +13,9 @@ from workbench.diagnosis.linear.problem import Finding
 class Control:
     """A term's gain in a permutation or circular-shift control of what it depends on.
 
-    `kind` "permuted" or "circular shift"; `share` of the term's own gain that is left, the median over
-    `trials`; `p_value` that a permuted one gains as much; `passed`: nothing real is left; None where it cannot tell,
-    and `why` it cannot.
+    `kind` "permuted" or "circular shift"; `share` of the term's own gain that remains in the control, the median over
+    `trials`; `p_value` of a gain as large as the term's; `passed`: whether only chance remains; None where the control
+    is not applicable, for the reason `why`.
     """
 
     kind: str
