@@ -5,7 +5,7 @@ without any law (Alvarez & Lawrence, J. Mach. Learn. Res. 12 (2011) 1459; for in
 Comput.-Integr. Manuf. 2016; Landgraf et al., IEEE CASE 2021, the data of `ur10_ipa_tmac_A`). Three independent outputs
 share one kernel: a constant times a squared exponential or a Matern 3/2 kernel with a length for each input, plus
 noise. Its numbers maximise the marginal likelihood (Rasmussen & Williams, Gaussian Processes for Machine Learning
-(2006), eq. 5.8 and 5.9), from two starts and both kernels; the likelier is taken.
+(2006), eq. 5.8 and 5.9), from two starts and both kernels; the more probable one is taken.
 """
 
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sensors.ball.search import find_balls
-from sensors.ball.single_stripe import centre_sigma, likeliest
+from sensors.ball.single_stripe import centre_sigma, most_probable_ball
 from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import scanner_of, scanner_text
@@ -139,10 +139,12 @@ def test_arcs_of_two_balls_are_no_ball_of_another_size():
 def test_widths_that_no_ball_has_are_refused():
     place = np.linspace(-1, 1, 100)
     noise = 0.02 * np.random.default_rng(0).normal(size=(2, 100))
-    assert likeliest(noise + np.array([[0.0], [0.5]])).why == ""
-    assert "not as wide" in likeliest(noise + np.stack([0.3 * place**2, 0.5 * place**2])).why
-    assert "does not distinguish" in likeliest(noise + np.array([[0.0], [0.05]])).why
-    assert likeliest(np.stack([noise[0], np.full(100, np.nan)])).number == 0
+    assert most_probable_ball(noise + np.array([[0.0], [0.5]])).why == ""
+    assert (
+        "not as wide" in most_probable_ball(noise + np.stack([0.3 * place**2, 0.5 * place**2])).why
+    )
+    assert "does not distinguish" in most_probable_ball(noise + np.array([[0.0], [0.05]])).why
+    assert most_probable_ball(np.stack([noise[0], np.full(100, np.nan)])).number == 0
 
 
 def test_the_file_of_a_scanner_keeps_the_line():

@@ -7,7 +7,13 @@ import numpy as np
 from sensors.ball.arcs import Arcs, centres_of
 from sensors.ball.fit import fit_ball
 from sensors.ball.result import ELSEWHERE, BallFit
-from sensors.ball.single_stripe import LEAST_ARC, Widths, likeliest, undetermined, unlike_few
+from sensors.ball.single_stripe import (
+    LEAST_ARC,
+    Widths,
+    most_probable_ball,
+    undetermined,
+    unlike_few,
+)
 from sensors.ball.votes import LEAST_POINTS, MOST_POINTS, ThinnedCloud
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
@@ -286,7 +292,7 @@ class _Search:
                     balls.append(fit)
         if not balls:
             return self._refuse(self.points[:, place].mean(1), self.known[0], len(place), why)
-        choice = likeliest(
+        choice = most_probable_ball(
             self.widths(place, np.array([[*fit.centre, fit.radius] for fit in balls]))
         )
         fit = balls[choice.number]

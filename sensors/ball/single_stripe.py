@@ -40,13 +40,13 @@ _UNLIKE = 9.0 + 2 * np.log(
 
 @dataclass(frozen=True)
 class Choice:
-    """The likeliest of some balls, `number` from 0, and `why` it is not certain, "" where it is."""
+    """The most probable of some balls, `number` from 0, and `why` it is not certain, "" where it is."""
 
     number: int
     why: str
 
 
-def likeliest(ratios: np.ndarray) -> Choice:
+def most_probable_ball(ratios: np.ndarray) -> Choice:
     """The ball that the widths tell, by ratios (m, n) as `Widths` gives them."""
     offset = _medians(ratios)
     scatter = max(min(_scatter(row, middle) for row, middle in zip(ratios, offset)), _LEAST_SCATTER)
@@ -137,6 +137,6 @@ def _unlike_widths(fit: BallFit, stripe: np.ndarray, widths: Widths | None) -> s
     ball = np.append(fit.centre, fit.radius)[None]
     for label in np.unique(stripe[fit.inliers]) if widths is not None else ():
         place = np.flatnonzero(fit.inliers & (stripe == label))
-        if len(place) >= LEAST_ARC and (why := likeliest(widths(place, ball)).why):
+        if len(place) >= LEAST_ARC and (why := most_probable_ball(widths(place, ball)).why):
             return why
     return ""

@@ -45,7 +45,7 @@ class DisplacedLine:
     held_out: HeldOut | None = None
 
     @property
-    def is_sure(self) -> bool:
+    def is_significant(self) -> bool:
         return bool((np.abs(self.shift) > _SURE * self.std).any())
 
     @property
@@ -112,7 +112,7 @@ def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
     std = np.sqrt(noise * np.diag(inverse))
     parts = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
     found = [DisplacedLine(lines[k], shift, std) for k, shift, std in parts]
-    return [line for line in found if line.is_sure]
+    return [line for line in found if line.is_significant]
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def _scale_words(scale, std, nouns: Nouns):
     what = "flange positions" if scale > 1 else nouns.size_name
     question = f" ({what} in {near[0]}?)" if near else ""
     seems = (
-        f"{nouns.size_looks} {size} times too {board}, or the flange positions {size} times too "
+        f"{nouns.size_subject} {size} times too {board}, or the flange positions {size} times too "
         f"{flange}{question}"
     )
     return seems, f"correct {nouns.size_source}, or the unit of the flange positions"

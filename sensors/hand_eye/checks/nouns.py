@@ -8,7 +8,7 @@ class Nouns:
     """What is compared with the flange poses, and where a mistake in it is corrected.
 
     `sample`, `a_sample`, `samples`: what a flange pose belongs to. `measured`: what the flange poses must fit, and
-    `moment` one of them. `target`: what is seen, `size_looks` what a wrong length makes look too large. `size`: the
+    `moment` one of them. `target`: what is seen, `size_subject` what a wrong length makes look too large. `size`: the
     length that is stated for it, `size_source` where that is stated, and `size_name` its short name. `order`: states
     which sample has which pose. `both`: what is checked in a row that does not fit. `mirrored`, `unmirror`: a
     reflection. `repeat`: measures once more.
@@ -20,7 +20,7 @@ class Nouns:
     measured: str
     moment: str
     target: str
-    size_looks: str
+    size_subject: str
     size: str
     size_source: str
     size_name: str
@@ -38,7 +38,7 @@ BOARD_IMAGES = Nouns(
     measured="images",
     moment="image",
     target="board",
-    size_looks="the squares of the board look",
+    size_subject="the squares of the board look",
     size="the board's square",
     size_source="square_mm under [board]",
     size_name="square_mm",
@@ -55,7 +55,7 @@ TARGET_POSES = Nouns(
     measured="measured poses of the target",
     moment="pose of the target",
     target="target",
-    size_looks="the target looks",
+    size_subject="the target looks",
     size="the size of the target",
     size_source="the size of the target in the program that measured it",
     size_name="size of the target",

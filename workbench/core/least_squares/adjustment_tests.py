@@ -180,7 +180,7 @@ def _difference(values, neighbour):
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """`place` (from 0) of the first value after the likeliest change; `share` of the variance of all series by it."""
+    """`place` (from 0) of the first value after the best change; `share` of the variance of all series by it."""
 
     place: int
     p_value: float

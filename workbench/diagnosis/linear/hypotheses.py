@@ -241,7 +241,7 @@ def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypot
 def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
     """p-value that anything is missing that gains `least` or more, valid under the whole search: weighted Bonferroni.
 
-    A smooth alternative counts only if it is likelier than no effect: one with many parameters may not be.
+    A smooth alternative counts only if it is more probable than no effect: one with many parameters may not be.
     Holm, Scand. J. Stat. 6 (1979); weights: Genovese, Roeder & Wasserman, Biometrika 93 (2006).
     """
     counted = [

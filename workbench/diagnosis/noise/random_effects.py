@@ -171,7 +171,7 @@ def _tensor(site, m):
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
-    """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its likeliest spread over the
+    """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its most probable spread over the
     noise, and that noise."""
     spreads, widths, squares = _widths(site, z)
     level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
@@ -230,7 +230,7 @@ def _direction_likelihood(site, z, share) -> float:
 def _constant_shape_likelihood(z, share) -> float:
     """As `_direction_likelihood`, for noise of one shape, at its maximum-likelihood estimate (Tyler 1987).
 
-    One over the ratio of a place's likelihood to this is a valid p-value: the likeliest shape is no less likely than
+    One over the ratio of a place's likelihood to this is a valid p-value: the estimated shape is no less likely than
     the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
     """
     unit = _unit(z)

@@ -96,7 +96,7 @@ class _Stripes:
 
     @property
     def sigma(self) -> float:
-        """px, likeliest spread."""
+        """px, most probable spread."""
         return _likeliest(self.z, self.variance)
 
     @property
@@ -265,7 +265,7 @@ def _deviance(variance: float, z: np.ndarray, noise: np.ndarray) -> float:
 
 
 def _likeliest(z: np.ndarray, noise: np.ndarray) -> float:
-    """px, the spread with the largest likelihood of contrasts (k,), 0 where noise alone is likelier."""
+    """px, the spread with the largest likelihood of contrasts (k,), 0 where noise alone is more probable."""
     scale = np.log(float(np.sqrt(np.median(noise))))
     reach = -np.log(NEGLIGIBLE_SHARE)
     best = minimize_scalar(

@@ -60,7 +60,7 @@ def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
 def _confounded_effects(
     bench, bare: Problem, table: Sequence[Hypothesis], judged: Hypothesis
 ) -> list[Hypothesis]:
-    """The likeliest variant of every other effect whose gain is within reach, where that or the finding is large."""
+    """The most probable variant of each other effect with a gain within reach, where it or the finding is large."""
     best: dict[tuple, Hypothesis] = {}
     for h in table:
         if h.key != judged.key and abs(h.gain - judged.gain) < _REACH * max(h.gain, judged.gain):
@@ -73,7 +73,7 @@ def _confounded_effects(
 def _laws(
     bench, bare: Problem, named: Sequence[Hypothesis], judged: Hypothesis
 ) -> list[Hypothesis]:
-    """Laws that would be large at the place of a smooth alternative, and are likelier than it about nothing."""
+    """Laws that would be large at the place of a smooth alternative, and are more probable than it about nothing."""
     best: dict[tuple, Hypothesis] = {}
     for h in named:
         if h.where == judged.where and h.log_weight > judged.log_weight and large(bench, bare, h):

@@ -2,9 +2,9 @@
 
 Without a compliance such a load moves nothing. Conditional on compliances that were estimated without it, it explains
 little: they have absorbed its effect, with masses that differ from the data sheet. The deflection is bilinear in
-compliances and load. So for a given load the likeliest set of laws is searched, and for a given set the load is
+compliances and load. So for a given load the most probable set of laws is searched, and for a given set the load is
 estimated, in turn (variable projection: Golub & Pereyra, Inverse Problems 19 (2003) R1). The result is solved, and kept
-where it is clearly likelier than what is accepted.
+where it is clearly more probable than what is accepted.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ from workbench.diagnosis.search.stepwise import Stepwise
 
 
 def accept_constant_loads(search: Search) -> None:
-    """Accept each constant load that, with compliances of its own, is clearly likelier than what is accepted.
+    """Accept each constant load that, with compliances of its own, is clearly more probable than what is accepted.
 
     Not next to a random effect, by which two solutions are whitened differently, nor where the baseline holds
     compliances: a load is then found among the other effects that act through them.
@@ -59,7 +59,7 @@ def accept_constant_loads(search: Search) -> None:
 
 
 def prefer_stated_masses(search: Search) -> None:
-    """Exchange each law whose masses are estimated for that with the stated ones, where this is clearly likelier.
+    """Exchange each law whose masses are estimated for that with the stated ones, where this is clearly more probable.
 
     What was accepted after it, a load above all, may explain what the masses were estimated for. Not next to a random
     effect, as above.
@@ -192,7 +192,7 @@ class _Laws:
         )
 
     def most_probable_set(self) -> list[Hypothesis] | None:
-        """The likeliest terms next to a load, which is not among them; None where a load makes them hardly likelier."""
+        """The most probable terms conditional on a load; None where the load hardly raises their probability."""
         starts = [members for members in dict.fromkeys(self.first) if self._needs_load(members)]
         if not starts:
             return None
@@ -240,7 +240,7 @@ class _Laws:
         return best
 
     def _load(self, members: Members, load: np.ndarray) -> np.ndarray:
-        """(C,) the load that a set of laws has under its likeliest coefficients, from a given one."""
+        """(C,) the load that a set of laws has under its most probable coefficients, from a given one."""
         index = self._index(members)
         columns, changes = self.columns[:, index], self.changes[:, :, index]
         y, prior = self.y, np.sqrt(self.variance) / UNDETERMINED_STD

@@ -1,4 +1,4 @@
-"""The likeliest set of missing terms: searched in the linearised problem, solved, searched again about the solution."""
+"""The most probable set of terms: searched in the linearised problem, solved, searched again at the solution."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import LAW, Stepwise
 
 _FIRST, _MAX_SMOOTH, _VARIANTS = 48, 6, 4
-"""Terms taken into the search: the likeliest alone, half as many in addition, functions of each table, variants of one
+"""Terms of the search: the most probable alone, half as many in addition, functions of each table, variants of one
 effect at one place that read the same covariates. As many as of these are tried in the place of each accepted term,
 where no more than `_MAX_SMOOTH` are accepted: more are exchanged in pairs."""
 
@@ -93,9 +93,9 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
 def _is_gain_below(
     share: float, objective: LogPosterior, members: Members, present: Members
 ) -> bool:
-    """Whether a set is likelier than the accepted one, but by less than a share of its log posterior odds over none.
+    """Whether a set is more probable than the accepted one by less than a share of its log posterior odds over no term.
 
-    Or by less than is worth another solution.
+    Or by less than justifies another solution.
     """
     if not present:
         return False
@@ -122,7 +122,7 @@ def _is_last(
 def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
     """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition.
 
-    thorough: also the likeliest in the place of each.
+    thorough: also the most probable in the place of each.
     """
     if not search.screened:
         first = _most_probable(search.full_table(()), _FIRST, _MAX_SMOOTH)

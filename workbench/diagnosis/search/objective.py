@@ -318,7 +318,7 @@ class LogPosterior:
         return float(solved.coefficients(best, self.start[number : number + 1])[0][0])
 
     def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
-        """The likeliest set with one more of the terms allowed (K,) bool; the set itself where none has room."""
+        """The most probable set with one more of the terms allowed (K,) bool; the set itself where none has room."""
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
         free &= self._carries_loads(base)
         weights = self._with_each(base, free)

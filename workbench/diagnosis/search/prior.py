@@ -29,7 +29,7 @@ SECOND = float(np.log(0.2))
 """Log prior odds of one more term, in addition to its own prior."""
 DEFLECTS = tuple({kind.effect for kind in CATALOGUE.values() if kind.compliance_prior})
 _SCALES = np.geomspace(1e-7, 1e-2, 31)
-"""Compliances of a joint under 1 N m, rad/(N m), of which the likeliest is the robot's."""
+"""Compliances of a joint under 1 N m, rad/(N m), of which the most probable is the robot's."""
 _SIZE_BY_LOAD = -0.5
 """Exponent of the load (N m) that compliances scale with: stronger gears are stiffer, yet deflect more."""
 _MOST_OF_USUAL = 3.0
@@ -49,8 +49,8 @@ class Priors:
     `deflects`: log prior that something does, in addition to the odds of what; so that all sets of one elastic term
     together are as likely as their families of candidates.
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
-    `reference`: (effect, where, compliance) of all joints at their likeliest; `joints` (N, J): what these make of the
-    measurements, the baseline projected out; `residual` (N,): what other accepted laws leave, as far as it is known.
+    `reference`: (effect, where, compliance) of all joints, at their maximum; `joints` (N, J): their contributions to
+    the measurements, the baseline projected out; `residual` (N,): residual of the other accepted laws, if known.
     """
 
     log_prior: np.ndarray
@@ -233,7 +233,7 @@ class MassUncertainty:
 
     @classmethod
     def of(cls, problem: Problem, projected: Projected, priors: Priors) -> "MassUncertainty":
-        """Of the deflection that the baseline holds, and of that of all joints at their likeliest."""
+        """Of the deflection that the baseline holds, and of that of all joints at their most probable."""
         responses = {(c.effect, c.where): c.columns for c in problem.mass_responses}
         known = [(key, values) for key, values in problem.given_values.items()]
         known += [((effect, where), np.array([value])) for effect, where, value in priors.reference]

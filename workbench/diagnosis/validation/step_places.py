@@ -24,7 +24,7 @@ _STEPS = (Shift, ZeroShift)
 
 
 def with_step_places(bench: Bench, terms: Sequence[Term]) -> list[Term]:
-    """The terms, where each step has the place that is clearly the likeliest and lists the others as alternatives."""
+    """The terms, each step at the place that is clearly most probable, with the other places as alternatives."""
     compared = list(terms)
     for i, term in enumerate(terms):
         effects = term.finding.effects

@@ -20,7 +20,7 @@ _ROUNDING = 1e-12  # of the mean square, below which the logarithm of a square i
 
 
 def with_angular_noise(terms: tuple[Term, ...], bench, residual: np.ndarray, inliers: np.ndarray):
-    """The terms with that of angular noise, where it is likelier than noise that depends on another covariate.
+    """The terms with that of angular noise, where it is more probable than noise that depends on another covariate.
 
     residual (m, n): of a model that leaves no structure, its first three rows the position, mm, in the instrument's
     frame; inliers (n,) bool: not an outlier. Only where an external instrument measures points or poses, and the stated

@@ -55,7 +55,7 @@ def _stage(number: int, term: Term, loss: str, rows_of) -> Stage:
 
 
 def _without_duplicates(terms: Sequence[Term], calibration: Calibration) -> list[Term]:
-    """The terms without those that share a parameter with the model or with a likelier one of them, in their order.
+    """The terms without those that share a parameter with the model or with a more probable term, in their order.
 
     They are variants of one effect at one place, such as backlash by gravity and by the side of approach.
     """

@@ -255,7 +255,7 @@ def _called(term: Term) -> str:
 
 
 def _confounded_pair(term: Term, problem: Problem) -> ConfoundedPair | None:
-    """The finding and its likeliest named alternative; None if it has none."""
+    """The finding and its most probable named alternative; None if it has none."""
     estimated = [
         row for row in term.parameters if not row.get("derived")
     ]  # others follow from these
