@@ -192,7 +192,7 @@ class State:
         each = np.repeat(change[:, None], self.n, axis=1)
         return self.altered([("mass", np.arange(len(change)), each)])
 
-    def wound_up(self, joint: int, width: float) -> np.ndarray:
+    def wound_up(self, joint: int, width: float, of_dahl: bool = False) -> np.ndarray:
         """(n,) state of friction of a joint, from 1, between -1 and 1, see `MotionHistory`; width: rad, m of a slide.
 
         Of a target, which has no history, that of `with_history`.
@@ -200,7 +200,7 @@ class State:
         if self.history is None:
             return self.covariate(_wound(joint))
         metres = _MM_A_METRE if self.robot.prismatic[joint - 1] else 1.0
-        return self.history.wound_up(joint, metres * width)
+        return self.history.wound_up(joint, metres * width, of_dahl)
 
     def covariate(self, name: str) -> np.ndarray:
         """(n,) a recorded covariate; InputError where the recording does not hold it."""

@@ -175,6 +175,7 @@ CASES = (
     ("link-warm-up", "link-2", {"time_constant": 100.0}),
     ("base-warm-up", "base", {"time_constant": 100.0}),
     ("joint-hysteresis", "joint-3", {}),
+    ("joint-hysteresis", "joint-3", {"width": 0.1, "law": "dahl"}),
     ("joint-torque", "joint-3", {"start": -2.0, "end": 2.0}),
     ("reading-lattice", "joint-3", {"step": 0.001}),
     ("sight-line-refraction", "instrument", {}),

@@ -18,6 +18,8 @@ from scenes import ABB, CRAIG, model_of, scene
 from workbench.core.covariates import MotionHistory
 from workbench.core.effect import numeric_derivative
 from workbench.core.model import Model
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.jobs.robot.calibrate import calibrate
 
 
@@ -191,16 +193,50 @@ def test_some_samples_remember_the_moves_to_all_others():
     )
 
 
-def test_the_state_of_friction_solves_its_differential_equation():
-    """Small steps of dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width along the same moves."""
+@pytest.mark.parametrize(
+    ("of_dahl", "slope"),
+    [
+        (False, lambda z, step: 1 - abs(z) * (1 + np.sign(z * step)) / 2),
+        (True, lambda z, step: 1 - z * np.sign(step)),
+    ],
+    ids=["bouc-wen", "dahl"],
+)
+def test_the_state_of_friction_solves_its_differential_equation(of_dahl, slope):
+    """Small steps of width dz/dq along the same moves."""
     moves, width = np.array([0.08, -0.05, -0.2, 0.3, -0.02]), 0.1
     z, expected = 0.0, []
     for move in moves:
         for step in np.full(20000, move / 20000):
-            z += step * (1 - abs(z) * (1 + np.sign(z * step)) / 2) / width
+            z += step * slope(z, step) / width
         expected.append(z)
-    state = MotionHistory.of(moves[None], np.arange(5.0)).wound_up(1, width)
+    state = MotionHistory.of(moves[None], np.arange(5.0)).wound_up(1, width, of_dahl)
     np.testing.assert_allclose(state, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("law", ["bouc-wen", "dahl"])
+def test_the_law_by_which_friction_releases_is_found(law):
+    """A joint that stays behind its reading by a state of friction that is computed here, move by move."""
+    width, size, n = 0.3, 1e-3, 80
+    made = scene("external-point", n=n, seed=8, sigma=0.02)
+    angle = np.deg2rad(made.recording.columns["q3_deg"])
+    z, states = 0.0, []
+    for move in np.diff(angle, prepend=angle[0]):
+        side = np.sign(move)
+        along, length = z * side, abs(move) / width
+        if law == "bouc-wen" and along < 0:
+            released = min(-along, length)
+            along, length = along + released, length - released
+        if length:
+            along = 1 - (1 - along) * np.exp(-length)
+        z = along * side if side else z
+        states.append(z)
+    behind = np.rad2deg(size * np.array(states))
+    columns = made.recording.columns | {"q3_deg": made.recording.columns["q3_deg"] + behind}
+    columns = {k: x for k, x in columns.items() if not k.startswith(("approach", "qdot"))}
+    problem = bench_of(replace(made.recording, columns=columns)).problem()
+    first = ranked_hypotheses(problem)[0]
+    assert (first.effect, first.where) == ("joint-hysteresis", "joint-3")
+    assert first.effects[0].law == law and first.effects[0].width == pytest.approx(width)
 
 
 @pytest.mark.parametrize("step", [0.01, 0.0137, 0.5])

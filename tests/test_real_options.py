@@ -43,6 +43,11 @@ def hysteresis(value):
     return CATALOGUE["joint-hysteresis"]("joint-2", value), [4 * SIZE / LEVER, 0.0]
 
 
+def dahl(value):
+    """The same by Dahl's law."""
+    return CATALOGUE["joint-hysteresis"]("joint-2", value, "dahl"), [4 * SIZE / LEVER, 0.0]
+
+
 def soft_backlash(value):
     """Backlash of joint 3 that gravity closes over a range of torques."""
     return CATALOGUE["backlash"]("joint-3", "gravity", value), [4 * SIZE / LEVER]
@@ -62,6 +67,7 @@ def floor(value):
         (warm_up, float(np.mean(CONSTANTS[3:5]))),
         (hysteresis, 0.2),
         pytest.param(hysteresis, 0.6, marks=pytest.mark.slow),
+        (dahl, 0.45),
         (soft_backlash, 3.7),
         pytest.param(floor, 2 * np.pi * 12.25 / SPAN, marks=pytest.mark.slow),
     ],
@@ -77,6 +83,7 @@ def assert_one_finding(found, effect, value):
     assert [(one.effect, one.where) for one in found.findings] == [(effect.effect, effect.where)], (
         found.history
     )
+    assert found.findings[0].effects[0].options.get("law") == effect.options.get("law")
     option = found.findings[0].option
     assert 0 < option.std < 0.02 * value
     assert abs(option.value - value) < 3 * option.std

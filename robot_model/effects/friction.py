@@ -1,6 +1,6 @@
 """Friction and torques at a joint that gravity does not make: hysteresis, cables, springs, rounded readings."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -13,6 +13,7 @@ from workbench.core.errors import InputError
 
 _WEIGHT = 0.2  # prior weight of a width, relative to backlash
 _WIDTHS = (0.003, 0.01, 0.03, 0.1, 0.3)  # rad, m of a slide: where a search starts
+_LAWS = {"bouc-wen": "wound up", "dahl": "wound up exponentially"}
 _HALF_GAP_RAD = 3e-4
 _HALF_GAP_MM = 0.03
 
@@ -20,25 +21,34 @@ _HALF_GAP_MM = 0.03
 class JointHysteresis(Effect):
     """Joint K differs from its reading by friction and wind-up, along its motion or against it.
 
-    The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and 1
-    (`workbench.core.covariates.MotionHistory`), over `width` (rad; m of a slide), 0 for the side of approach, which is
-    fully wound up at once. Friction grows with the gravity torque; where no masses are stated, with that of
-    uniform bars. For a small width and no growth it is the backlash.
+    The spring between reading and joint is wound up by every move in the order of the samples, to z between -1 and
+    1 (`workbench.core.covariates.MotionHistory`), over `width` (rad; m of a slide), 0 for the side of approach,
+    which is fully wound up at once. `law`: how the spring releases after a reversal. Friction grows with the
+    gravity torque; where no masses are stated, with that of uniform bars. For a small width and no growth it is the
+    backlash.
     """
 
     effect = "joint-hysteresis"
     port = "joint"
     places = ("joint",)
     elastic = True
-    equation = "dq = (g + h |tau| / tau_max) z, dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width"
+    equation = (
+        "dq = (g + h |tau| / tau_max) z, dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width (bouc-wen) or "
+        "(1 - z sign(dq)) / width (dahl)"
+    )
     source = "Bouc-Wen with n = 1: Ikhouane & Rodellar, Systems with Hysteresis (2007), ch. 2; Dahl (1968)"
     family = Backlash.effect
     subsumes = (Backlash.effect,)
     by_moves = True
 
-    def __init__(self, where: str, width: Annotated[float, Field(ge=0)] = 0.01):
+    def __init__(
+        self,
+        where: str,
+        width: Annotated[float, Field(ge=0)] = 0.01,
+        law: Literal["bouc-wen", "dahl"] = "bouc-wen",
+    ):
         super().__init__(where)
-        self.width = width
+        self.width, self.law = width, law
 
     @property
     def reads(self):
@@ -54,10 +64,11 @@ class JointHysteresis(Effect):
             moves = chain.state.covariates.get(f"move{number}", np.zeros(1))
             if not moves.min() < 0 < moves.max():
                 continue
-            word = f"wound up within {{:g}} {cls(where).option_unit(chain, 'width')}"
-            for width in _WIDTHS:
-                label = word.format(width)
-                yield Variant(cls(where, width), label, _WEIGHT, option="width", word=word)
+            for law, said in _LAWS.items():
+                word = f"{said} within {{:g}} {cls(where).option_unit(chain, 'width')}"
+                for width in _WIDTHS:
+                    about = (word.format(width), _WEIGHT / len(_LAWS), "", "width", word)
+                    yield Variant(cls(where, width, law), *about)
 
     def option_unit(self, chain, name):
         return "m" if chain.slides(self.number) else "rad"
@@ -79,7 +90,7 @@ class JointHysteresis(Effect):
         """(n,) the state of friction."""
         if not self.width:
             return state.covariate(f"approach{self.number}")
-        return state.wound_up(self.number, self.width)
+        return state.wound_up(self.number, self.width, self.law == "dahl")
 
     def _load(self, state) -> np.ndarray:
         """(n,) gravity torque over the greatest that all masses can make, without sign: the same on any samples."""

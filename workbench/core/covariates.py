@@ -137,16 +137,18 @@ class MotionHistory:
         """The history of some of the samples: all moves that led to them, those to other samples too."""
         return MotionHistory(self.moves, self.reached[samples])
 
-    def wound_up(self, joint: int, width: float) -> np.ndarray:
+    def wound_up(self, joint: int, width: float, of_dahl: bool = False) -> np.ndarray:
         """(n,) state of friction of a joint, from 1, between -1 and 1; 0 before the first move.
 
         Bouc-Wen with exponent 1 and beta = gamma = 1/2, straight moves: dz/dq = (1 - |z| (1 + sign(z dq)) / 2) / width,
-        so that z first falls linearly to 0 and then approaches the sign of the move exponentially. width: rad, mm.
+        so that z first falls linearly to 0 and then approaches the sign of the move exponentially. of_dahl: by Dahl's
+        law with exponent 1, dz/dq = (1 - z sign(dq)) / width, exponential from the reversal on. width: rad, mm.
         """
         state = 0.0
         states = []
+        wound = _wound_by_dahl if of_dahl else _wound
         for length in (self.moves[joint - 1] / width).tolist():
-            state = _wound(state, length) if length >= 0 else -_wound(-state, -length)
+            state = wound(state, length) if length >= 0 else -wound(-state, -length)
             states.append(state)
         return np.array(states)[self.reached]
 
@@ -156,7 +158,12 @@ def _wound(z: float, length: float) -> float:
     if z < 0:
         released = min(-z, length)
         z, length = z + released, length - released
-    return z if length == 0 else 1 - (1 - z) * math.exp(-length)
+    return z if length == 0 else _wound_by_dahl(z, length)
+
+
+def _wound_by_dahl(z: float, length: float) -> float:
+    """As `_wound`, where z approaches 1 exponentially from any value."""
+    return 1 - (1 - z) * math.exp(-length)
 
 
 def missing_temperature(state, *names: str) -> str:

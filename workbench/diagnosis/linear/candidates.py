@@ -25,7 +25,7 @@ class Candidate:
     missing. `coexists`: whether another of the family may act at the same time (a second order), or they exclude one
     another (a gap has one law). `positive`: how many of its first parameters cannot be negative (a compliance deflects
     along its load). `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others. `option`,
-    `word`: as of `Variant`.
+    `word`: as of `Variant`. `is_exact`: whether it was made for the value of the option that the data determine.
     """
 
     effect: str
@@ -42,6 +42,7 @@ class Candidate:
     load: float = 0.0
     option: str = ""
     word: str = ""
+    is_exact: bool = False
     smooth_covariates = ()
 
     @property

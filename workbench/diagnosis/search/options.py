@@ -52,7 +52,7 @@ class RealFamily:
         else:
             variants = [c for c in problem.candidates if c.word == source.word != ""]
             alike = [
-                c for c in variants if (c.effect, c.where) == hypothesis.key and c.key != source.key
+                c for c in variants if (c.effect, c.where) == hypothesis.key and not c.is_exact
             ]
             values = [getattr(c.effects[0], name) for c in alike]
         return cls(problem, hypothesis, name, np.unique(values)) if len(values) > 1 else None
@@ -92,7 +92,8 @@ class RealFamily:
         label = source.word.format(value)
         if isinstance(source, Candidate):
             columns = self.problem.columns_of(effects[0])
-            source, value = replace(source, label=label, effects=effects, columns=columns), None
+            made = {"label": label, "effects": effects, "columns": columns, "is_exact": True}
+            source, value = replace(source, **made), None
         else:
             source = _base_of(source, self.problem).with_exact_option(value)
         return replace(self.hypothesis, label=label, effects=effects, source=source, value=value)
@@ -173,10 +174,31 @@ def with_estimated_options(
         ):
             continue
         seen.add(h.key)
-        family = RealFamily.of(search.problem, h)
-        refined = h if family is None else _refined(_Profile(family, projected), h)
-        more += [refined] if refined is not h else []
+        for law in (h, *_other_laws(projected, h)):
+            family = RealFamily.of(search.problem, law)
+            refined = law if family is None else _refined(_Profile(family, projected), law)
+            more += [refined] if refined is not law else []
     return [*pool, *more]
+
+
+def _other_laws(projected: Projected, h: Hypothesis) -> list[Hypothesis]:
+    """Of each further law of an effect at its place, whose labels have another `word`, the likeliest variant.
+
+    Variants of a few values each do not decide between two laws with an option: the values of one are nearer by chance.
+    """
+    laws: dict[str, list[Candidate]] = {}
+    for candidate in projected.problem.candidates if isinstance(h.source, Candidate) else ():
+        is_other = candidate.option and candidate.word != h.source.word
+        if is_other and (candidate.effect, candidate.where) == h.key:
+            laws.setdefault(candidate.word, []).append(candidate)
+
+    def gain(candidate: Candidate) -> float:
+        columns = projected.problem.orthogonalise(candidate.columns_at(projected.problem))
+        coefficients = least_squares(columns, projected.y, ROUNDING)
+        return float(projected.y @ columns @ coefficients)
+
+    best = [max(variants, key=gain) for variants in laws.values()]
+    return [replace(h, label=c.label, effects=c.effects, source=c) for c in best]
 
 
 def accept_refined(search, refined: list[Hypothesis]) -> bool:
