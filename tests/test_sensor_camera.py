@@ -352,7 +352,9 @@ def test_input_that_cannot_be_used_gets_its_sentence(change, sentence):
     views, _ = views_of(np.random.default_rng(0), 6)
     with pytest.raises(InputError, match=sentence):
         calibrated(change(views))
-    with pytest.raises(InputError, match="expected brown or rational or fisheye, found 'pinhole'"):
+    with pytest.raises(
+        InputError, match="expected brown or rational or fisheye or auto, found 'pinhole'"
+    ):
         calibrated(views, model="pinhole")
 
 

@@ -160,7 +160,7 @@ def calibrate_large(
 
 def camera(
     recording: Recording | Path | str | None = None,
-    model: Literal["brown", "rational", "fisheye"] = "brown",
+    model: Literal["auto", "brown", "rational", "fisheye"] = "auto",
     out: Path | str | None = None,
     tolerance: Sequence[str] | str | None = None,
     no_report: bool = False,
@@ -171,8 +171,8 @@ def camera(
 
     Args:
         recording: Folder of a recording with images of a board, or a known name.
-        model: Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6) or fisheye (k1 to
-            k4 of the angle).
+        model: Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6), fisheye (k1 to k4
+            of the angle), or auto: the one with the smallest error on held-out board poses.
         out: Folder to write; default: a temporary one, which is removed with the result.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
@@ -1027,7 +1027,7 @@ def scan(
 def scanner(
     recording: Recording | Path | str,
     out: Path | str | None = None,
-    model: Literal["brown", "rational"] = "brown",
+    model: Literal["auto", "brown", "rational", "fisheye"] = "auto",
     tolerance: Sequence[str] | str | None = None,
     no_report: bool = False,
 ) -> Result:
@@ -1037,7 +1037,8 @@ def scanner(
     Args:
         recording: Folder of a recording with images of a board under the laser, or a known name.
         out: Also write the scanner to this file; other commands read it with `scanner` FILE.
-        model: Distortion model: brown (k1 k2 p1 p2 k3) or rational (also k4 k5 k6).
+        model: Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6), fisheye (k1 to k4
+            of the angle), or auto: the one with the smallest error on held-out board poses.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
         no_report: Do not write a report page.

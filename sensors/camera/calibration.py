@@ -31,6 +31,7 @@ from sensors.camera.correlated_errors.shared import (
 from sensors.camera.curvature import Curved, curved
 from sensors.camera.focal_scatter import FocalScatter, focal_scatter
 from sensors.camera.model import Camera
+from sensors.camera.model_choice import AUTO, ModelChoice, choose_model
 from sensors.camera.start import MODELS, corner_chain, placement_groups
 from sensors.camera.suspect_views import FAR
 from sensors.camera.two_cameras import TwoCameras, find_two_cameras
@@ -71,7 +72,8 @@ class CameraCalibration:
     `rejected` those that were not, `left_out` how many corners of a image, by its name; `undetermined` and `remarks`
     sentences, of which `notes` are no doubts of the model; `printed` errors of the board's corners, `lens` what the
     model leaves of it, `curved` where sigmas do not hold, `focal` whether the focal length is constant; `two_cameras`
-    if the images are of two; `left_out_lines` of the board, whose corners contradict all others; the checks, None where
+    if the images are of two; `left_out_lines` of the board, whose corners contradict all others; `choice` of the model,
+    None where it was stated; the checks, None where
     there are too few board poses. RMS are of the residuals of all corners used, none weighted down.
     """
 
@@ -95,6 +97,7 @@ class CameraCalibration:
     focal: FocalScatter | None = None
     left_out_lines: tuple[DisplacedLine, ...] = ()
     two_cameras: TwoCameras | None = None
+    choice: ModelChoice | None = None
 
     @property
     def displaced_lines(self) -> tuple[DisplacedLine, ...]:
@@ -216,16 +219,19 @@ def calibrate_camera(
 ) -> CameraCalibration:
     """The camera, its board's bow and all poses from views of one board.
 
-    model: "brown" (k1 k2 p1 p2 k3), "rational" (with k4 k5 k6) or "fisheye". bow: fit the board's warp. effects:
+    model: "brown" (k1 k2 p1 p2 k3), "rational" (with k4 k5 k6), "fisheye", or "auto" for the one that
+    `choose_model` chooses. bow: fit the board's warp. effects:
     further ones of the sensor to be fitted. folds: of the held-out images, 0 for none of the
     checks. progress: called with one line a step. InputError where there are fewer than three
     usable board poses, where the views do not fit the board or one another.
     """
-    if model not in MODELS:
+    if model not in (*MODELS, AUTO):
         raise InputError(
-            f"camera model: expected {' or '.join(MODELS)}, found {model!r}; choose one of them"
+            f"camera model: expected {' or '.join((*MODELS, AUTO))}, found {model!r}; choose one of them"
         )
     effects = (*((BoardBow("artefact", board.flatness_mm),) if bow else ()), *effects)
+    choice = choose_model(views, board, size, effects, progress) if model == AUTO else None
+    model = model if choice is None else choice.chosen
     progress(f"camera, poses and bow from {len(views)} images")
     part = adjusted(views, board, size, model, effects, loss)
     calibration = CameraCalibration(
@@ -249,6 +255,7 @@ def calibrate_camera(
         left_out_lines=lines_left_out(
             _every_corner(part, board, size, model), part.chain, part.fit, effects
         ),
+        choice=choice,
     )
     if folds:
         known = part.fit.parameters
@@ -323,6 +330,8 @@ def _undetermined(calibration: CameraCalibration) -> list[str]:
 def _notes(calibration: CameraCalibration, folds: int) -> list[str]:
     """State what a user should know of the images and the fit, and no other sentence says."""
     said = _extrapolated(calibration)
+    if calibration.choice is not None:
+        said += [calibration.choice.sentence, *calibration.choice.extrapolation]
     if calibration.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in calibration.left_out.items())
         said.append(

@@ -14,7 +14,7 @@ from workbench.core.least_squares.linear_algebra import all_finite, least_square
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
-_ENOUGH = 3
+ENOUGH = 3
 """Board poses that a camera needs."""
 _MAP = (21, 17)
 _CELLS = (8, 6)
@@ -80,7 +80,7 @@ def held_out(
 ) -> HeldOut | None:
     """Cross-validation over board poses; None where they are too few to leave any out."""
     folds = min(folds, len(chain.poses))
-    if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < _ENOUGH:
+    if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < ENOUGH:
         return None
     parts: list[list[np.ndarray]] = [[], [], [], []]
     for fold in range(folds):
@@ -114,6 +114,13 @@ def _ours(chain, effects, known):
             replace(model.chain, poses=poses).at(other), tuple(effects)
         ).residual(known)
     return model.residual(known), halved
+
+
+def residuals_of_halves(
+    chain: Corners, effects: Sequence[Effect], known: Parameters
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (2, n) px with each pose from every second corner and judged on the others, and the board pose (n,)."""
+    return _ours(chain, effects, known)[1], chain.labels["placement"]
 
 
 def opencv_camera(chain: Corners) -> Camera:
@@ -286,7 +293,7 @@ def compare_halves(
 ) -> Halves | None:
     """Cross-validation between halves; None where a half would have too few board poses."""
     every = np.arange(len(chain.poses))
-    if len(every) < 2 * _ENOUGH:
+    if len(every) < 2 * ENOUGH:
         return None
     fits = [fit_free(group_subset(chain, every[part::2]), effects, known, loss) for part in (0, 1)]
     size = len(chain.parameters)

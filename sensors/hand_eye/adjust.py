@@ -231,6 +231,11 @@ def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.nd
     return Linear(change, errors, errors_covariance, normal, covariance, squares, degrees)
 
 
+def solve_restricted(chain, model_grams, parameters: Parameters, variances: Variances) -> Linear:
+    """`solve_linear` with the variances of the groups of a chain."""
+    return solve_linear(model_grams, parameters, variances.noise, _each(chain, variances.spread))
+
+
 def _sum_of_squares(grams: np.ndarray, change: np.ndarray, errors: np.ndarray) -> float:
     """Sum of squared residuals of the linear model at its solution, not below the rounding of its terms."""
     count = len(grams)

@@ -16,6 +16,7 @@ from sensors.camera.model import Camera, StatedCamera
 from sensors.hand_eye.adjust import Variances, adjust, find_blunders, with_held_camera
 from sensors.hand_eye.chain import BoardChain
 from sensors.hand_eye.checks.alternatives import moved_of
+from sensors.hand_eye.checks.camera_dependence import Conditions, camera_dependence
 from sensors.hand_eye.checks.corner_noise import board_corners, corner_noise
 from sensors.hand_eye.checks.mistakes import Reading, pose_readings
 from sensors.hand_eye.checks.pose_data import PoseData
@@ -51,6 +52,7 @@ def hand_eye_from_views(
     camera_covariance=None,
     pivot="board",
     reviewed: Review | None = None,
+    conditions: Conditions | None = None,
 ) -> HandEye:
     """Hand-eye, board and robot's pose error from views of one board.
 
@@ -66,7 +68,8 @@ def hand_eye_from_views(
     the board, half a metre away, leave errors of 0.6 to 1.2 sigmas (RMS, by direction, over 100 sets).
     The board's scale is estimated, with a prior of 0.001, where it differs from one by more than two sigmas and lowers
     the error of poses that the solve did not see.
-    reviewed: what `review_views` found, None looks for mistakes in the flange poses here.
+    reviewed: what `review_views` found, None looks for mistakes in the flange poses here. conditions of the poses, on
+    which the camera may depend; None does not test it.
     InputError for fewer than three poses, poses that are none, or numbers of poses and views that differ.
     """
     stated, camera = _stated(camera)
@@ -90,13 +93,15 @@ def hand_eye_from_views(
         0 if reviewed.certain else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
     found, notes = _best(chain, parameters, first, most, not suspicions)
+    dependence = None if conditions is None else camera_dependence(found[0], conditions)
     misfit = image_misfit(found[0], camera.size, from_same_images)
     if stated is not None:  # first: the sensitivity to the camera is that of the adjustment alone
         found = (with_held_camera(found[0], _root(stated)), *found[1:])
     if misfit.significant:
         found = (with_misfit(found[0], misfit), *found[1:])
         notes = notes if misfit.is_relevant else (*notes, misfit.note)
-    return replace(_result(chain, points, found, suspicions, notes), misfit=misfit)
+    made = _result(chain, points, found, suspicions, notes)
+    return replace(made, misfit=misfit, dependence=dependence)
 
 
 def _best(chain, parameters, first, most, is_scale_tried):

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sensors.camera.model import Camera
+from sensors.hand_eye.checks.camera_dependence import CameraDependence
 from sensors.hand_eye.uncertainty.misfit import Misfit
 from sensors.hand_eye.uncertainty.parameter_covariance import ParameterCovariance
 from workbench.core.parameters import Parameters
@@ -41,7 +42,8 @@ class HandEye:
     mm in the light plane); `robot_sigma` of the flange poses at the board, of a board also at the
     flange's origin (`FlangeVariance.as_keys`); `fit` and `held_out` (each pose from the
     others): RMS, and the scatter of the board; `range_scale` s of a profiler: it measures (1 + s) times the true z;
-    `undetermined` and `suspicions` sentences; `std` by key
+    `dependence` of the camera on gravity or on a recorded column, next to which the errors of the flange poses are
+    smaller; `undetermined` and `suspicions` sentences; `std` by key
     of `parameters`, the camera's by camera.fx, camera.fy, ...; inf where it is not determined.
     """
 
@@ -68,6 +70,7 @@ class HandEye:
     range_scale: float = 0.0
     notes: tuple[str, ...] = field(default=())
     misfit: Misfit | None = None
+    dependence: CameraDependence | None = None
 
     @cached_property
     def centre(self) -> np.ndarray:

@@ -225,7 +225,7 @@ class LensMap:
         return (
             f"the lens is not of the model fitted: corners at the same place of the image are off alike, by "
             f"{self.rms_px:.2g} px RMS and {worst:.2g} px at most in means over its {self.value[0].size} cells; try "
-            "the other model (brown, rational); neither describes a fisheye"
+            "another model of the lens (`--model auto` compares them)"
         )
 
 

@@ -1,6 +1,5 @@
 """`workbench camera`: images of a board in, a calibrated camera with its uncertainty and a report page out."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -8,29 +7,12 @@ import typer
 
 from workbench.commands.robot import edit_session
 from workbench.commands.shared import answer, flow, sensor_tables
-
-
-class Lens(StrEnum):
-    """Distortion model."""
-
-    BROWN = "brown"
-    RATIONAL = "rational"
-    FISHEYE = "fisheye"
-
+from workbench.commands.shared.lens_models import Lens, Model
 
 Recording = Annotated[
     str | None,
     typer.Argument(help="Folder of a recording with images of a board, or a known name."),
 ]
-Model = Annotated[
-    Lens,
-    typer.Option(
-        "--model",
-        help="Distortion model: brown (k1 k2 p1 p2 k3), rational (also k4 k5 k6) or fisheye (k1 to k4 of the angle).",
-    ),
-]
-
-
 SessionFile = Annotated[
     Path | None,
     typer.Option(
@@ -43,7 +25,7 @@ SessionFile = Annotated[
 
 def command(
     recording: Recording = None,
-    model: Model = Lens.BROWN,
+    model: Model = Lens.AUTO,
     out: answer.OutFolder = None,
     tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,

@@ -1,32 +1,18 @@
 """`workbench scanner`: images of a board, without and with the laser, in; a calibrated scanner out."""
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from workbench.commands.shared import answer, flow, sensor_tables
+from workbench.commands.shared.lens_models import Lens, Model
 from workbench.files import runs
-
-
-class Lens(StrEnum):
-    """Distortion model."""
-
-    BROWN = "brown"
-    RATIONAL = "rational"
-
 
 Recording = Annotated[
     str,
     typer.Argument(
         help="Folder of a recording with images of a board under the laser, or a known name."
-    ),
-]
-Model = Annotated[
-    Lens,
-    typer.Option(
-        "--model", help="Distortion model: brown (k1 k2 p1 p2 k3) or rational (also k4 k5 k6)."
     ),
 ]
 Out = Annotated[
@@ -42,7 +28,7 @@ Out = Annotated[
 def command(
     recording: Recording,
     out: Out = None,
-    model: Model = Lens.BROWN,
+    model: Model = Lens.AUTO,
     tolerance: answer.Tolerance = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,

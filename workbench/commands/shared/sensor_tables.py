@@ -31,10 +31,39 @@ def camera(console, answer: Mapping) -> None:
         for name, *pair in zip(names, answer["distortion"], std["distortion"])
     ]
     grid(console, title, ["parameter", "value", "1 sigma"], rows)
+    _models(console, answer.get("model_choice"))
     for sentence in _about_camera(answer):
         console.print(f"- {sentence}", markup=False)
     console.print()
     rejected(console, answer["rejected"])
+
+
+def _models(console, choice: Mapping | None) -> None:
+    """The models of the lens, compared by their errors on held-out board poses."""
+    if choice is None:
+        return
+    rows = []
+    for row in choice["candidates"]:
+        excess = "-"
+        if row["excess_percent"] is not None:
+            excess = " ± ".join(measured(row["excess_percent"], row["standard_error_percent"]))
+        errors = [number(row[key]) for key in ("rms_px", "held_out_rms_px")]
+        model = f"{row['model']} (chosen)" if row["model"] == choice["chosen"] else row["model"]
+        rows.append([model, row["parameters"], *errors, excess, row["corners_left_out"]])
+    heads = [
+        "model",
+        "parameters",
+        "RMS px",
+        "held-out RMS px",
+        "above the best, %",
+        "corners left out",
+    ]
+    grid(
+        console,
+        "Models of the lens (held-out RMS: on board poses that the fit did not see)",
+        heads,
+        rows,
+    )
 
 
 def _about_camera(answer: Mapping) -> Sequence[str]:

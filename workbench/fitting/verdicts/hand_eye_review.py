@@ -9,6 +9,7 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.detection import Detection, View
 from sensors.camera.calibration import calibrate_camera
+from sensors.camera.model_choice import AUTO
 from sensors.hand_eye.checks.mistakes import pose_readings
 from sensors.hand_eye.checks.review import UNEXPLAINED, Finding, Review
 from sensors.hand_eye.images import review_views
@@ -108,7 +109,7 @@ def _may_be_the_camera(review: Review, views) -> bool:
 def _own_camera(seen, progress):
     try:
         return calibrate_camera(
-            seen.found.views, seen.found.board, seen.found.size, folds=0, progress=progress
+            seen.found.views, seen.found.board, seen.found.size, AUTO, folds=0, progress=progress
         )
     except InputError:  # too few images to calibrate from
         return None

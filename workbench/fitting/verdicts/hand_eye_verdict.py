@@ -177,6 +177,8 @@ def _held_out(hand_eye: HandEye):
 
 
 def _advice(hand_eye: HandEye) -> str:
+    if hand_eye.dependence is not None:
+        return "The rest does not come from the flange poses alone: a warning names another cause."
     is_misfit = hand_eye.misfit is not None and hand_eye.misfit.significant
     them = "it and for the errors that images share" if is_misfit else "it"
     return (
@@ -277,10 +279,16 @@ def handeye_warnings(run) -> list[str]:
         *suspicions(run),
         *repeated_warnings(run.camera_trust, "camera"),
         *(open_ones if causes else []),
+        *([] if causes or hand_eye.dependence is None else [_dependence(hand_eye)]),
         *_misfit(run),
         *_few_poses(run),
         *left_out,
     ]
+
+
+def _dependence(hand_eye: HandEye) -> str:
+    sentence = hand_eye.dependence.sentence
+    return f"{sentence[0].upper()}{sentence[1:]}"
 
 
 def _refused_camera(run) -> list[str]:

@@ -60,7 +60,8 @@ _CAUSES = {
     "lines of the board": "rows or columns of the board are not where they are said to be; measure or replace it",
     "points of the board": "points of the board are not where they are said to be; measure or replace it",
     "height of the board": "the board is not flat in a way that its warp does not describe; use a flat one",
-    _LENS: "the lens is not of the model fitted; try `--model rational`",
+    _LENS: "the lens is not of the model fitted; use `--model auto` if a model was stated, else look for a "
+    "window, dirt or a loose lens",
 }
 """What to do about each error that many images share, see `sensors.camera.correlated_errors.shared_effects`."""
 _DIAGNOSE = "an effect is missing in the model; run `workbench diagnose` to find it"
@@ -138,13 +139,15 @@ def _unknown_focal_length(calibration) -> list[str]:
 def _wide(calibration) -> str:
     """Words on a lens that may be too wide for the models, by the field of view at the focal length that was fitted."""
     camera = calibration.camera
+    if calibration.choice is not None:
+        return ""  # the fisheye model was tried
     half_angles = np.arctan(np.array(camera.size) / 2 / np.array([camera.fx, camera.fy]))
     angle = 2 * math.degrees(half_angles.max())
     if not angle > _WIDE_DEG:
         return ""
     return (
-        f". The field of view is about {angle:.0f} deg: a fisheye lens needs `workbench camera --model "
-        "fisheye`; scanners need a lens of a smaller angle"
+        f". The field of view is about {angle:.0f} deg: a fisheye lens needs `--model auto` or "
+        "`--model fisheye`"
     )
 
 
@@ -237,7 +240,7 @@ def _focal(calibration) -> list[str]:
         return []
     other = (
         "; or the lens is not of the model fitted, since corners at one place of the image are off alike: try "
-        "`--model rational` and boards that fill the image"
+        "`--model auto` and boards that fill the image"
         if _LENS in _large_errors(calibration)
         else ""
     )

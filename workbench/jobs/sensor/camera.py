@@ -39,7 +39,7 @@ class CameraRun:
 
 
 def calibrate(recording: Recording, model: str, progress: Callable[[str], None]) -> CameraRun:
-    """The camera of a recording with images of a board; `model` is "brown", "rational" or "fisheye".
+    """The camera of a recording with images of a board; `model` is "brown", "rational", "fisheye" or "auto".
 
     progress: called with one line a step. Raises InputError.
     """
@@ -52,6 +52,7 @@ def calibrate(recording: Recording, model: str, progress: Callable[[str], None])
         )
     except InputError as problem:
         raise _with_reason(problem, found) from None
+    model = model if calibration.choice is None else calibration.choice.chosen
     return CameraRun(recording, model, calibration, (*found.rejected, *calibration.rejected))
 
 
@@ -73,6 +74,7 @@ def as_json(run: CameraRun, tolerances: Sequence[Tolerance] = ()) -> dict:
     return {
         **camera_json(calibration.camera, calibration.std),
         "model": run.model,
+        "model_choice": choice_json(calibration.choice),
         "rms_px": calibration.rms_px,
         "rms_coordinate_px": calibration.rms_coordinate_px,
         "rms_means": "rms_px counts 2-D distances, as OpenCV does; rms_coordinate_px is of one coordinate",
@@ -108,6 +110,30 @@ def camera_json(camera: Camera, std: Mapping[str, float]) -> dict:
         "width_px": camera.size[0],
         "height_px": camera.size[1],
         "std": {**known, "distortion": lens, **dict(zip(names, lens))},
+    }
+
+
+def choice_json(choice) -> dict | None:
+    """The models compared by their errors on held-out board poses; None where the model was stated."""
+    if choice is None:
+        return None
+    return {
+        "chosen": choice.chosen,
+        "sentence": choice.sentence,
+        "extrapolation": list(choice.extrapolation),
+        "candidates": [
+            {
+                "model": row.model,
+                "parameters": row.parameters,
+                "rms_px": row.fit_px,
+                "held_out_rms_px": row.held_out_px,
+                "excess_percent": None if row.excess is None else 100 * row.excess,
+                "standard_error_percent": None if row.excess is None else 100 * row.standard_error,
+                "corners_left_out": row.left_out,
+                "why": row.why,
+            }
+            for row in choice.candidates
+        ],
     }
 
 

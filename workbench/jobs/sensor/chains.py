@@ -16,6 +16,7 @@ from sensors.camera.calibration import calibrate_camera
 from sensors.camera.corners import Corners
 from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
 from sensors.camera.model import Camera
+from sensors.camera.model_choice import AUTO
 from sensors.effects.optics import Blooming
 from sensors.light.ball_stripes import Balls
 from sensors.light.board_chain import BoardStripeChain
@@ -91,7 +92,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         recording, lambda done, total, name: progress(f"board in image {done} of {total}")
     )
     camera = calibrate_camera(
-        found.views, found.board, found.size, "brown", folds=0, progress=progress
+        found.views, found.board, found.size, AUTO, folds=0, progress=progress
     )
     profiles: list[Profiles] = []
     stripes = _stripes(recording, camera, progress, profiles)

@@ -11,6 +11,8 @@ from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View, detect_all
 from sensors.camera.calibration import CameraCalibration, calibrate_camera
 from sensors.camera.model import Camera, StatedCamera, camera_from_keys
+from sensors.camera.model_choice import AUTO
+from sensors.hand_eye.checks.camera_dependence import Conditions
 from sensors.hand_eye.checks.relative_motions import (
     EQUAL_REMEDY,
     equal_poses_sentence,
@@ -21,6 +23,7 @@ from sensors.hand_eye.result import HandEye
 from sensors.trust import Trust
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_vector
+from workbench.files.images.columns import recorded_columns
 from workbench.files.images.flange import flange_poses, rows_of_samples
 from workbench.files.images.images import by_role, check_size
 from workbench.files.provenance import provenance
@@ -47,6 +50,9 @@ _COMMENT = """\
 """
 FEWEST = 3
 """Images that a hand-eye transform needs."""
+_CONDITIONS = ("time", "temperature")
+DOWN = (0.0, 0.0, -1.0)
+"""Direction of gravity in the base where no robot states it."""
 HELD = "the recording's own guess, held"
 SCANNER = "the scanner's"
 
@@ -108,15 +114,7 @@ def calibrate(
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
-    tick = paced(progress, "board in image")
-    found = detect_all(recording, lambda done, total, name: tick(done, total))
-    views = tuple(view for view in found.views if "sample" in view.row)
-    if not views:
-        raise InputError(
-            f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
-            "image was taken at, found none; add the column"
-        )
-    _check_enough(recording, views, found)
+    found, views = _detected(recording, progress)
     camera, source = _camera(recording, sensor, found, progress)
     known = camera.camera if isinstance(camera, StatedCamera) else camera
     from sensors.hand_eye.images import hand_eye_from_views
@@ -133,7 +131,15 @@ def calibrate(
     calibration = camera if isinstance(camera, CameraCalibration) else None
     if not trust_data and is_refused_by(review, calibration):
         refuse(recording, review)
-    hand_eye = hand_eye_from_views(views, found.board, camera, poses, kind, reviewed=review)
+    hand_eye = hand_eye_from_views(
+        views,
+        found.board,
+        camera,
+        poses,
+        kind,
+        reviewed=review,
+        conditions=_conditions(recording, views, rows),
+    )
     hand_eye = replace(hand_eye, notes=(*hand_eye.notes, *_on_camera(camera, source)))
     return HandEyeRun(
         recording,
@@ -149,6 +155,34 @@ def calibrate(
         review=review,
         camera_trust=cameras.read_trust(sensor) if isinstance(sensor, Path) else None,
     )
+
+
+def _detected(recording, progress) -> tuple:
+    """Boards in the images, and those views that name a sample. InputError where they are too few."""
+    tick = paced(progress, "board in image")
+    found = detect_all(recording, lambda done, total, name: tick(done, total))
+    views = tuple(view for view in found.views if "sample" in view.row)
+    if not views:
+        raise InputError(
+            f"{recording.name}, images.csv, column sample: expected the row of samples.csv that each board "
+            "image was taken at, found none; add the column"
+        )
+    _check_enough(recording, views, found)
+    return found, views
+
+
+def _conditions(recording, views, rows) -> Conditions:
+    """Time, temperatures and direction of gravity, on which the camera may depend, at each image."""
+    columns = {name: column[rows] for name, column in recording.columns.items()}
+    of_images = recorded_columns([view.row for view in views])
+    columns |= {name: np.array([view.row[name] for view in views], float) for name in of_images}
+    covariates = {
+        name: np.asarray(column, float)
+        for name, column in columns.items()
+        if name.startswith(_CONDITIONS) and np.isfinite(column).all()
+    }
+    gravity = np.asarray(recording.robot.get("gravity", DOWN), float)
+    return Conditions(covariates, gravity / np.linalg.norm(gravity))
 
 
 def _check_equal_poses(recording, views, poses) -> None:
@@ -185,7 +219,9 @@ def _camera(recording, sensor, found, progress):
     guess = recording.guess.get("camera")
     try:
         return (
-            calibrate_camera(found.views, found.board, found.size, folds=0, progress=progress),
+            calibrate_camera(
+                found.views, found.board, found.size, AUTO, folds=0, progress=progress
+            ),
             "calibrated from the same images",
         )
     except InputError:
@@ -311,6 +347,7 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "rejected": [
             {"image": rejection.image, "why": rejection.why} for rejection in run.rejected
         ],
+        "camera_dependence": dependence_json(hand_eye.dependence),
         "undetermined": undetermined(run),
         "suspicions": list(suspicions(run)),
         "warnings": handeye_warnings(run),
@@ -319,6 +356,21 @@ def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
         "outcome": hand_eye.outcome,
         "converged": hand_eye.converged,
         "provenance": provenance(run.recording),
+    }
+
+
+def dependence_json(dependence) -> dict | None:
+    """Dependence of the camera on gravity or a recorded column, None without a significant one."""
+    if dependence is None:
+        return None
+    return {
+        "parameter": dependence.parameter,
+        "covariate": dependence.covariate,
+        "size_px": dependence.size_px,
+        "std_px": dependence.std_px,
+        "p_value": dependence.p_value,
+        "direction": None if dependence.direction is None else dependence.direction.tolist(),
+        "sentence": dependence.sentence,
     }
 
 

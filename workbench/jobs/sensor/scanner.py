@@ -10,6 +10,7 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, View
+from sensors.camera.model_choice import AUTO
 from sensors.images import read_grey, stacks, unlit
 from sensors.light.board_stripes import BoardStripes, joined
 from sensors.scanner.bowed import calibrated_with_bow, misfit_of
@@ -80,11 +81,11 @@ class ScannerRun:
 
 
 def calibrate(
-    recording: Recording, model: str = "brown", progress: Callable[[str], None] = lambda text: None
+    recording: Recording, model: str = AUTO, progress: Callable[[str], None] = lambda text: None
 ) -> ScannerRun:
     """The scanner of a recording with images of a board, without and with the laser.
 
-    model: "brown" or "rational"; progress: called with one line a step. Raises InputError.
+    model: that of the lens, as of `calibrate_camera`; progress: called with one line a step. Raises InputError.
     """
     groups = _laser_rows(recording)
     camera = cameras.calibrate(recording, model, progress)

@@ -104,13 +104,14 @@ def _rotations(flange: np.ndarray, kind: str) -> Iterator[tuple]:
 def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausibility:
     """The tests that need board poses: relative motions, and the mistakes that `handeye` refuses."""
     from sensors.camera.calibration import calibrate_camera
+    from sensors.camera.model_choice import AUTO
     from workbench.fitting.verdicts.hand_eye_review import Observed, review_recording
 
     views, flange, rows = linked
     names = [view.image for view in views]
     try:
         camera = calibrate_camera(
-            detection.views, detection.board, detection.size, folds=0, progress=progress
+            detection.views, detection.board, detection.size, AUTO, folds=0, progress=progress
         )
         seen = Observed(
             recording, detection, tuple(views), camera, True, flange, rows, _kind(recording)

@@ -278,7 +278,26 @@ def _surface(place, values, called) -> go.Figure:
     )
 
 
+def _models(choice):
+    """The models of the lens, compared by their errors on held-out board poses."""
+    rows = []
+    for row in choice.candidates:
+        excess = "–"
+        if row.excess is not None:
+            excess = f"{100 * row.excess:.2g} ± {100 * row.standard_error:.2g}"
+        name = f"{row.model} (chosen)" if row.model == choice.chosen else row.model
+        errors = [
+            "–" if value is None else rounded(value) for value in (row.fit_px, row.held_out_px)
+        ]
+        rows.append((name, str(row.parameters), *errors, excess, str(row.left_out)))
+    yield words(sentence(choice.sentence))
+    heads = ["lens model", "parameters", "RMS (px)", "held-out RMS (px)"]
+    yield table([*heads, "above the best (%)", "corners left out"], rows)
+
+
 def _parameters(calibration):
+    if calibration.choice is not None:
+        yield from _models(calibration.choice)
     words_of = {p.key: p for p in calibration.parameters.table}
     rows = []
     for key, value in zip(calibration.parameters.keys, calibration.parameters.values.tolist()):

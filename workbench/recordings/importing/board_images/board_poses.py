@@ -205,6 +205,7 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     """Board poses of some of the images, evenly chosen. Raises InputError where the board is not found."""
     from sensors.boards.detection import detect_all, relabelled
     from sensors.camera.calibration import calibrate_camera
+    from sensors.camera.model_choice import AUTO
     from workbench.files.images.images import check_size
 
     count = len(recording.images)
@@ -216,7 +217,7 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
     numbers = {image["image"]: row for row, image in zip(rows, some.images)}
     if options.camera is None:
         progress("calibrating a camera to test the poses")
-        calibration = calibrate_camera(found.views, found.board, found.size, folds=0)
+        calibration = calibrate_camera(found.views, found.board, found.size, AUTO, folds=0)
         camera = calibration.camera
     else:
         calibration = camera = options.camera
