@@ -5,6 +5,7 @@ import numpy as np
 from export_scenes import arm_with
 from scenes import ABB
 from test_fewer_joints import SCARA, TOOL, _joint, calibrated
+from workbench.jobs.robot.compensation import unattainable
 from workbench.jobs.robot.compensation.compensate import (
     actual_poses,
     compensate,
@@ -55,6 +56,13 @@ def test_the_elbow_of_seven_axes_is_named():
     found = compensate(arm, stretched, wanted)
     (one,) = unattainable_targets(arm, stretched, found, None)
     assert one.joint == 4 and one.distance_mm < 3
+
+
+def test_a_target_far_away_needs_no_calibrated_model(monkeypatch):
+    arm, bent = arm_of(SEVEN), np.array([[0.3, 0.8, 0.2, 0.7, 0.4, 0.7, 0.1]])
+    far = moved_out(nominal_poses(arm.robot, bent), [0, 0, 340], 2000.0)
+    monkeypatch.setattr(unattainable, "actual_poses", None)
+    assert 1000 < _explained(arm, 0, bent[0], far[0], {}).distance_mm < 2000
 
 
 def test_targets_without_readings_are_judged_where_they_are_nearly_attained():

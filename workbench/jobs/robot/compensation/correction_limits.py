@@ -58,6 +58,7 @@ LARGEST_JOINT_DEG = 10.0
 # postures (rad about the middle of the recorded readings) at which a load must move the flange, and by how much
 _POSTURES, _LEAST_MM = 9, 1e-3
 _NAMED_TARGETS = 6
+_FLANGE_LOAD = "the load on the flange"
 _NO_RANGES = (
     "The solution states no ranges of load, temperature and joints, since an older version wrote it; targets are not "
     "compared with them. Calibrate again."
@@ -432,6 +433,8 @@ class _Coverage:
             if self.is_read
             else "the model does not depend on it, the arm may"
         )
+        if self.name == _FLANGE_LOAD:
+            meaning += "; uncertainty_mm contains no deflection that the recording does not show"
         return [
             f"{self.name} is outside {self._range()}, which was recorded, in target "
             f"{', '.join(numbers[:_NAMED_TARGETS])}{more}: {meaning}; record samples there or check these targets."
@@ -460,9 +463,7 @@ def _load(arm, programme, n) -> _Coverage:
     is_read = any(effect.elastic for effect in arm.acting_effects)
     outside = _outside(values, low, high, max(high - low, high))
     is_recorded = not is_load_unrecorded(arm)
-    return _Coverage(
-        "the load on the flange", values, low, high, "kg", outside, is_read, is_recorded
-    )
+    return _Coverage(_FLANGE_LOAD, values, low, high, "kg", outside, is_read, is_recorded)
 
 
 def _other_covariates(arm, programme):

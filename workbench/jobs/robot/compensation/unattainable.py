@@ -8,7 +8,11 @@ from scipy.optimize import least_squares
 
 from robot_model.postures.task_priority import LEVER_MM
 from robot_model.state import sliding
-from workbench.jobs.robot.compensation.compensate import actual_poses, negligible_mm
+from workbench.jobs.robot.compensation.compensate import (
+    actual_poses,
+    negligible_mm,
+    nominal_poses,
+)
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
 
 _STEP_RAD = 1e-4
@@ -85,30 +89,52 @@ def unattainable_targets(
 
 
 def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:
+    def actual(readings):
+        columns = {name: np.repeat(value, len(readings)) for name, value in covariates.items()}
+        return actual_poses(arm, readings, columns)
+
+    robot = arm.robot
+    reading, error = _nearest(robot, lambda readings: nominal_poses(robot, readings), start, wanted)
+    distance, degrees = _distances(error)
+    if distance < 2 * _BEYOND_MM and degrees < 2 * _BEYOND_DEG:  # where the calibration may decide
+        reading, error = _nearest(robot, actual, reading, wanted)
+        distance, degrees = _distances(error)
+    joint = singular_joint(robot, reading)
+    words = "" if joint is None else reading_words(robot, reading, joint)
+    return Unattainable(row, distance, degrees, joint, words)
+
+
+def _nearest(robot, poses_at, start: np.ndarray, wanted: np.ndarray):
+    """Readings (R,) of the attainable pose nearest to the wanted one (4, 4), and the error (6,) mm that remains.
+
+    poses_at: function from readings (k, R) to poses (k, 4, 4). Error: position, and rotation at a lever's length.
+    """
     from scipy.spatial.transform import Rotation
 
-    def residual(reading):
-        """(6,) mm: position, and rotation at a lever's length, of the flange relative to the target."""
-        pose = actual_poses(arm, reading[None], covariates)[0]
-        turn = Rotation.from_matrix(wanted[:3, :3].T @ pose[:3, :3]).as_rotvec()
-        return np.concatenate([pose[:3, 3] - wanted[:3, 3], LEVER_MM * turn])
+    scale = np.where(sliding(robot), LEVER_MM, 1.0)
+
+    def residuals(readings):
+        """(k, 6) mm of k readings."""
+        poses = poses_at(readings)
+        turns = Rotation.from_matrix(wanted[:3, :3].T @ poses[:, :3, :3]).as_rotvec()
+        return np.concatenate([poses[:, :3, 3] - wanted[:3, 3], LEVER_MM * turns], axis=1)
 
     def derivative(reading):
-        """(6, R) per rad, and per LEVER_MM of a slide."""
+        """(6, R) per rad, and per LEVER_MM of a slide; one call of the model for all steps."""
         steps = _STEP_RAD * np.diag(scale)
-        columns = [residual(reading + step) - residual(reading - step) for step in steps]
-        return np.array(columns).T / (2 * _STEP_RAD)
+        ahead, behind = np.split(residuals(np.concatenate([reading + steps, reading - steps])), 2)
+        return (ahead - behind).T / (2 * _STEP_RAD)
 
-    scale = np.where(sliding(arm.robot), LEVER_MM, 1.0)
     nearest = least_squares(
-        lambda move: residual(start + scale * move),
+        lambda move: residuals((start + scale * move)[None])[0],
         np.zeros(len(start)),
         jac=lambda move: derivative(start + scale * move),
         max_nfev=60,
     )
-    error = nearest.fun
-    degrees = float(np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM))
-    reading = start + scale * nearest.x
-    joint = singular_joint(arm.robot, reading)
-    words = "" if joint is None else reading_words(arm.robot, reading, joint)
-    return Unattainable(row, float(np.linalg.norm(error[:3])), degrees, joint, words)
+    return start + scale * nearest.x, nearest.fun
+
+
+def _distances(error: np.ndarray) -> tuple[float, float]:
+    """Distance, mm, and angle, deg, of an error (6,) of `_nearest`."""
+    degrees = np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM)
+    return float(np.linalg.norm(error[:3])), float(degrees)
