@@ -16,7 +16,7 @@ from plain_frames import frames_of
 from pose_scenes import random_arm
 from robot_model import load_robot
 from robot_model.measurements import samples_of
-from scenes import ARMS, BALLS, KINDS, scene
+from scenes import ARMS, BALLS, CRAIG, KINDS, scene
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 
@@ -254,6 +254,19 @@ def test_a_mistake_is_named_although_a_row_is_lost():
     assert_named(
         robot, changed(recording, z_mm=z, q4_deg=-recording.columns["q4_deg"]), ", column q4_deg:"
     )
+
+
+def test_a_zero_of_a_reversed_joint_is_changed_in_its_own_direction():
+    """Both remedies that the sentence offers are the same change; a joint with sign -1 has theta = -reading + zero."""
+    robot, recording = erring("external-point", 21, arm=CRAIG)
+    moved = changed(recording, q2_deg=recording.columns["q2_deg"] - 90)
+    assert_named(
+        robot, moved, "column q2_deg:", "add 90 degrees", "or -90 to theta_deg of joint 2 of"
+    )
+    rows = [dict(row) for row in CRAIG["joint"]]
+    rows[1]["theta_deg"] -= 90
+    corrected = CRAIG | {"joint": rows}
+    assert suspicions(load_robot(corrected), replace(moved, robot=corrected)) == []
 
 
 @pytest.mark.parametrize("measures, n", mostly_slow(product(KINDS, (3, 4, 5)), 5))

@@ -39,8 +39,8 @@ from workbench.jobs.robot.compensation.compensate import (  # noqa: E402
     compensate,
     model_at,
     nominal_poses,
-    position_derivative,
 )  # noqa: E402
+from workbench.jobs.robot.compensation.point_uncertainty import position_derivative  # noqa: E402
 
 TABLE = ROOT / "docs" / "studies" / "compensation.csv"
 PAGE = TABLE.with_suffix(".md")

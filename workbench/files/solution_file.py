@@ -21,6 +21,7 @@ from workbench.files.considered import Considered, read_considered
 FORMAT, NAME = "solution/1", "solution.json"
 # Largest plausible correction of the position and of the orientation of the flange, where nobody states another.
 LARGEST_MM, LARGEST_DEG = 10.0, 1.0
+_MOST_READINGS = 100  # poses that show where the arm was recorded
 _FRAMES = ("base.", "tool.", "sensor.", "artefact.")  # keys of what stands around the arm
 # What acts on the arm. The instrument's own errors, its drift relative to the base and the moment of reading move no
 # flange.
@@ -43,7 +44,8 @@ class CalibratedArm:
     wrote the file. `rows`: number of rows of the recording; the row is the clock where no time was recorded.
     `recorded_samples` (k, 2): runs of the numbers of all samples in the order of these rows, or None like the others.
     `configurations` (k, 3): signs of the recorded configurations (`postures.configuration`), or None like the
-    others and for arms that have no such signs.
+    others and for arms that have no such signs. `recorded_readings` (k, R) rad, mm: of some of the fitted poses, or
+    None like the others.
     """
 
     robot: Robot
@@ -63,6 +65,7 @@ class CalibratedArm:
     rows: int = 0
     recorded_samples: np.ndarray | None = None
     configurations: np.ndarray | None = None
+    recorded_readings: np.ndarray | None = None
 
     @property
     def is_no_better_than_nominal(self) -> bool:
@@ -131,6 +134,8 @@ def solution_keys(calibration, noise=None) -> dict:
         "time_origin": recording.time_origin,
         "recorded_samples": _runs(recording.sample_ids),
         "configurations": _recorded_configurations(recording, calibration.model.chain.robot),
+        "recorded_readings": _recorded_readings(calibration).tolist(),
+        "measured_point_mm": _measured_point(calibration),
     }
 
 
@@ -140,6 +145,27 @@ def _recorded_configurations(recording, robot: Robot) -> list[list[int]] | None:
         return None
     signs = configuration_signs(robot, recording.joints)
     return np.unique(signs[(signs != 0).all(1)], axis=0).tolist()
+
+
+def _recorded_readings(calibration) -> np.ndarray:
+    """(k, R) rad, mm: readings of at most `_MOST_READINGS` fitted poses, evenly in the order of joint 1."""
+    readings = np.unique(calibration.recording.joints[_is_in_fit(calibration)], axis=0)
+    return readings[:: -(-len(readings) // _MOST_READINGS) or 1]
+
+
+def _measured_point(calibration) -> list[float] | None:
+    """Mean of the measured points (mm) in the frame of a sensor on the flange; None for other measurements."""
+    measurement = calibration.model.chain.measurement
+    if measurement.place != "sensor":
+        return None
+    return measurement.measured[:, _is_in_fit(calibration)].mean(1).tolist()
+
+
+def _is_in_fit(calibration) -> np.ndarray:
+    """(n,) bool: the samples of the fit that are not far off."""
+    recording = calibration.recording
+    is_in_fit = ~np.isin(recording.sample_ids, calibration.suspects)
+    return is_in_fit if calibration.fitted is None else is_in_fit & calibration.fitted
 
 
 def _fitted_samples(calibration) -> list[list[int]]:
@@ -160,9 +186,7 @@ def _runs(numbers: np.ndarray) -> list[list[int]]:
 def _fitted_range(calibration) -> dict[str, list[float]]:
     """Lowest and highest value of joint readings and covariates over the samples that were fitted."""
     recording = calibration.recording
-    is_in_fit = ~np.isin(recording.sample_ids, calibration.suspects)
-    if calibration.fitted is not None:
-        is_in_fit &= calibration.fitted
+    is_in_fit = _is_in_fit(calibration)
     names = [*joint_columns(recording.columns), *recording.covariates]
     found: dict[str, list[float]] = {}
     for name in names:
@@ -225,6 +249,7 @@ def read_solution(path: Path) -> CalibratedArm:
             int(keys.get("rows") or 0),
             _runs_of_samples(keys.get("recorded_samples")),
             _configurations(keys.get("configurations")),
+            _readings(keys.get("recorded_readings")),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as problem:
         if isinstance(problem, InputError):
@@ -247,6 +272,11 @@ def _runs_of_samples(rows) -> np.ndarray | None:
 def _configurations(rows) -> np.ndarray | None:
     """(k, 3) of the key configurations. Raises ValueError or TypeError for another shape."""
     return None if rows is None else np.array(rows, int).reshape(len(rows), 3)
+
+
+def _readings(rows) -> np.ndarray | None:
+    """(k, R) of the key recorded_readings, None without any. Raises ValueError or TypeError for another shape."""
+    return np.array(rows, float).reshape(len(rows), -1) if rows else None
 
 
 def _considered(path: Path, keys: Mapping) -> Considered | None:
@@ -275,6 +305,8 @@ def _check_arm(path: Path, arm: CalibratedArm) -> None:
         "load_centre_mm": arm.load_centre,
         "fitted_range": ranges,
         "fitted_samples": [] if arm.fitted_samples is None else arm.fitted_samples,
+        "recorded_readings": [] if arm.recorded_readings is None else arm.recorded_readings,
+        "measured_point_mm": arm.keys.get("measured_point_mm") or [],
         "discrepancy_rms_mm": [arm.discrepancy_mm],
     }
     for key, given in numbers.items():

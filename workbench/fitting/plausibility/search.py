@@ -67,7 +67,7 @@ class Explanation:
 def single_corrections(robot, recording) -> list[Correction]:
     """Every single mistake that is searched for."""
     return [
-        *joint_corrections(recording),
+        *joint_corrections(robot, recording),
         *point_corrections(recording),
         *row_corrections(recording),
         *artefact_corrections(recording),

@@ -33,7 +33,7 @@ _WIDEST_DEG = 800.0
 _SMALL_UNIT, _LEAST_COUNT = 0.06, 400.0
 
 
-def joint_corrections(recording) -> Iterator[Correction]:
+def joint_corrections(robot, recording) -> Iterator[Correction]:
     """Every single mistake of one joint column, of two, or of all."""
     joints = joint_columns(recording.columns)
     yield from (sign_correction((name,)) for name in joints)
@@ -42,7 +42,7 @@ def joint_corrections(recording) -> Iterator[Correction]:
     yield from _units(recording, joints)
     yield from lost_decimal_points(recording, revolute_columns(recording), _WIDEST_DEG)
     # an offset of the first joint is absorbed by the base, one of the last joint by the tool
-    yield from _offsets([name for name in joints[1:-1] if name.endswith("_deg")])
+    yield from _offsets(robot, [name for name in joints[1:-1] if name.endswith("_deg")])
     yield from _orders(joints)
 
 
@@ -130,18 +130,26 @@ def _unit(names, unit, factor, parts=None) -> Correction:
     )
 
 
-def _offsets(revolute):
+def _offsets(robot, revolute):
     for name in revolute:
         for offset in _OFFSETS:
             yield column_correction(
                 "joint-offset",
                 f"column {name}",
                 f"is {'short of' if offset > 0 else 'beyond'} the zero of the robot file by {abs(offset):g} degrees",
-                f"add {offset:g} degrees ({offset / 0.9:g} gon) to it, or {offset:g} to theta_deg of joint "
-                f"{joint_number(name)} of the robot file",
+                f"add {offset:g} degrees ({offset / 0.9:g} gon) to it{_change_of_theta(robot, name, offset)}",
                 lambda columns, name=name, offset=offset: {name: columns[name] + offset},
                 (name,),
             )
+
+
+def _change_of_theta(robot, name, offset) -> str:
+    """The change of the robot file that is the same as `offset` (deg) of a reading; "" where other joints move, too."""
+    moved = robot.mixing[:, joint_number(name) - 1]
+    joint = int(np.abs(moved).argmax())
+    if np.count_nonzero(moved) > 1:
+        return ""
+    return f", or {offset * moved[joint]:g} to theta_deg of joint {joint + 1} of the robot file"
 
 
 def _orders(joints):

@@ -100,7 +100,9 @@ def alternatives(robot, recording) -> list[Alternative]:
     """Single corrections of joint columns that leave about the misfit of the recorded data, each fitted."""
     chosen = recording.select(even_rows(recording, _ROWS))
     moving = [
-        correction for correction in joint_corrections(chosen) if _is_moving(chosen, correction)
+        correction
+        for correction in joint_corrections(robot, chosen)
+        if _is_moving(chosen, correction)
     ]
     limit = _SAME_SIZE * nominal_scale(robot, chosen)
     near = [

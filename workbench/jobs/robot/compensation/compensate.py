@@ -20,12 +20,12 @@ from robot_model.state import State, approaches_read, sliding, with_history
 from robot_model.system import RobotChain
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
-from workbench.core.parameters import Parameters
 from workbench.core.rigid import transform
 from workbench.files.considered import considered_arms, is_evaluable
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.extrapolation import extrapolation_mm
 from workbench.jobs.robot.compensation.model_error import remaining_error_mm
+from workbench.jobs.robot.compensation.point_uncertainty import point_uncertainty
 from workbench.jobs.robot.compensation.revolutions import nearest_revolutions, recorded_middle
 
 COVERAGE_FACTOR = 2
@@ -36,7 +36,6 @@ _TRIES = 20
 _OPEN = (-np.pi, np.pi)
 # a target counts as reached within a hundredth of a micrometre, and as much a lever's length away
 _REACHED_MM = 1e-5
-_ROOT = ("joint-1.theta1", "joint-1.d1")
 # What is left of the error is negligible up to this share of the standard uncertainty: both together are then 4 % more.
 _NEGLIGIBLE, _LEAST_MM = 0.3, 1e-3
 # a joint that stood still in the recording has an unknown axis: of a redundant arm the others are moved instead
@@ -411,22 +410,27 @@ def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> 
 def _sigma_at(arm, readings, target, covariates) -> np.ndarray:
     """(n,) mm: of the mixture of the model and of those with a considered term, see `considered_terms`."""
     model = model_at(arm, readings, target, covariates)
-    point, alone, parameters = _point(model, arm)
-    squares = alone + extrapolation_mm(model, parameters, arm) ** 2
+    point = point_uncertainty(model, arm, _recorded_model(arm))
+    alone = point.variance
+    squares = alone + extrapolation_mm(model, point.parameters, arm) ** 2
     for other, chance in considered_arms(arm):
         wider = model_at(other, readings, target, covariates)
         if is_evaluable(wider.effects, wider.chain.state):
-            moved, variance, _ = _point(wider, other)
-            distance = ((moved - point) ** 2).sum(0)
-            squares = squares + chance * (np.maximum(variance - alone, 0.0) + distance)
+            moved = point_uncertainty(wider, other, _recorded_model(other))
+            distance = (point.change_to(moved) ** 2).sum(0)
+            squares = squares + chance * (np.maximum(moved.variance - alone, 0.0) + distance)
     return np.sqrt(squares)
 
 
-def _point(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
-    """(3, n) mm of the measured point in the world, from the target, (n,) mm^2 its variance, and all parameters."""
-    rows, covariance, parameters = position_derivative(model, arm)
-    variance = np.einsum("fmn,fg,gmn->n", rows, covariance, rows)
-    return model.residual(parameters)[:3], np.maximum(variance, 0.0), parameters
+def _recorded_model(arm: CalibratedArm) -> Model | None:
+    """The arm at recorded readings, other recorded columns in the middle of their range; None where none are stored."""
+    if arm.recorded_readings is None or arm.fitted_range is None:
+        return None
+    middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
+    considered = () if arm.considered is None else arm.considered.effects
+    history = dict.fromkeys(approaches_read((*arm.acting_effects, *considered)), 1.0)
+    readings = arm.recorded_readings
+    return model_at(arm, readings, nominal_poses(arm.robot, readings), history | middle)
 
 
 def _with_worst_covariates(arm, readings, target, covariates) -> dict:
@@ -447,51 +451,3 @@ def _with_worst_covariates(arm, readings, target, covariates) -> dict:
         at_high = _sigma_at(arm, readings, target, found | {name: high})
         found[name] = np.where(at_high > at_low, high, low)
     return found
-
-
-def position_derivative(model, arm) -> tuple[np.ndarray, np.ndarray, Parameters]:
-    """Derivative (F, 3, n) of the measured point's place with respect to the F estimated parameters, their covariance.
-
-    And all parameters at their values. Base and tool are in it: they were found together with the arm, and what they
-    share with it cancels. A beam is known across itself and not along, so that there the flange's own place is taken.
-    """
-    of_a_beam = arm.keys.get("measures") == "laser-spot"
-    known = {
-        _called(key): key
-        for key in arm.free
-        if _called(key) in model.parameters.index and not (of_a_beam and key.startswith("tool."))
-    }
-    parameters = model.parameters.update(
-        {k: arm.values[key] for key in arm.values if (k := _called(key)) in model.parameters.index}
-    )
-    parameters = parameters.only(np.isin(parameters.keys, list(known)))
-    order = [
-        arm.free.index(known[key]) for key, free in zip(parameters.keys, parameters.mask) if free
-    ]
-    rows = model.linearise(parameters)[1][:, :3]
-    return rows, _covariance_given_frame(arm)[np.ix_(order, order)], parameters
-
-
-def _covariance_given_frame(arm) -> np.ndarray:
-    """(F, F) covariance, conditional on the root's rotation and height where nothing but the arm determines them.
-
-    Touches, beams and lengths tell nothing of theta1 and d1: they say which frame targets are in, and are no
-    error of the arm in it.
-    """
-    frame = [k for k, key in enumerate(arm.free) if key in _ROOT]
-    if not frame or any(key.startswith("base.") and "-" not in key for key in arm.values):
-        return arm.covariance
-    shared = arm.covariance[:, frame]
-    return arm.covariance - shared @ solve_positive(shared[frame], shared.T)
-
-
-def _called(key: str) -> str:
-    """Key of a parameter of a calibration in the model of a flange and one point on it."""
-    place, _, name = key.partition(".")
-    if (
-        (place in ("tool", "sensor"))
-        and name[-1:] in "xyz"
-        and name[:-1] in ("", "reflector1_", "tip_")
-    ):
-        return f"tool.{name[-1]}"
-    return key

@@ -4,12 +4,9 @@ import numpy as np
 
 from robot_model.effects.extrapolation import CLOCK
 from workbench.files.solution_file import CalibratedArm
-from workbench.jobs.robot.compensation.compensate import (
-    model_at,
-    nominal_poses,
-    position_derivative,
-)
+from workbench.jobs.robot.compensation.compensate import model_at, nominal_poses
 from workbench.jobs.robot.compensation.extrapolation import extrapolation_mm
+from workbench.jobs.robot.compensation.point_uncertainty import position_derivative
 
 _SHARE = 0.1  # of the length of the recording, after which the change is stated
 _LEAST_MM = 1e-6  # below it nothing drifts
