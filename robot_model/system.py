@@ -112,8 +112,8 @@ class RobotChain:
         return Evaluation(self, values, deltas)
 
     def numbers(self, place: str) -> tuple[int, ...]:
-        """The numbers that `joint-K`, `link-K` or `ball-K` may have here."""
-        if place == "ball":
+        """The numbers that `joint-K`, `link-K`, `ball-K` or `reflector-K` may have here."""
+        if place in ("ball", "reflector"):
             return tuple(getattr(self.measurement, "ids", (1,)))
         return tuple(range(1, self.robot.joints + 1))
 
@@ -125,7 +125,9 @@ class RobotChain:
         """List the places that an effect may name here: joint-1 to joint-J, or base; () where there is none."""
         if kind in ("sensor", "artefact", "ball") and self.measurement.place != "sensor":
             return ()
-        if kind == "instrument" and (self.measurement.place != "tool" or self.measurement.grounded):
+        if kind in ("instrument", "reflector") and (
+            self.measurement.place != "tool" or self.measurement.grounded
+        ):
             return ()
         if kind in NUMBERED:
             return tuple(f"{kind}-{number}" for number in self.numbers(kind))

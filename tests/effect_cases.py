@@ -88,6 +88,7 @@ VARIANTS = (
     "link-warm-up",
     "base-warm-up",
     "instrument-range-scale",
+    "target-shift",
 )
 
 
@@ -170,6 +171,7 @@ CASES = (
     ("shift", "tool", {"after": 200.0}),
     ("shift", "base", {"after": 200.0}),
     ("shift", "link-2", {"after": 200.0}),
+    ("target-shift", "ball-2", {"after": 200.0}),
     ("loosening", "tool", {"start": 0.0, "end": 500.0}),
     ("warm-up", "joint-2", {"time_constant": 100.0}),
     ("link-warm-up", "link-2", {"time_constant": 100.0}),

@@ -62,6 +62,7 @@ CAUSES = (
     ("joint-hysteresis", "joint-2", {}, {"wind_up": 6e-4}),
     ("joint-torque", "joint-2", {"start": -2.0, "end": 2.0}, {"p1": 9e-4, "p2": 4e-4}),
     ("shift", "tool", {"after": 900.0}, {"x": 0.3, "ry": 1e-3}),
+    ("target-shift", "ball-2", {"after": 900.0}, {"ball-2.shift.x": 0.2, "ball-2.shift.z": -0.1}),
     ("warm-up", "joint-2", {"time_constant": 600.0}, {"final": 9e-4}),
     ("link-warm-up", "link-2", {"time_constant": 600.0}, {"link-2.warm-up.final": 6e-4}),
     (
@@ -126,7 +127,7 @@ CAUSES = (
         {"payload_kg": 0.4},
     ),
 )
-BY_SCANNER = ("range-scale", "ball-position", "artefact-expansion")
+BY_SCANNER = ("range-scale", "ball-position", "artefact-expansion", "target-shift")
 HOURS = ("joint-thermal-drift", "link-thermal-growth", "artefact-expansion")
 
 

@@ -41,6 +41,7 @@ CATALOGUE = {
     "joint-torque": friction.JointTorque,
     "reading-lattice": friction.ReadingLattice,
     "shift": steps.Shift,
+    "target-shift": steps.TargetShift,
     "warm-up": steps.JointWarmUp,
     "link-warm-up": steps.LinkWarmUp,
     "base-warm-up": steps.BaseWarmUp,

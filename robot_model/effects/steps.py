@@ -76,6 +76,60 @@ class Shift(Effect):
         return np.eye(6)[:, :, None] * is_after
 
 
+class TargetShift(Effect):
+    """A part of the machine moves once, as after a knock.
+
+    It is one of several balls of an artefact or of several reflectors on the tool. Three numbers: the step of its
+    coordinates, in the frame of the artefact or of the flange. `after` as of `Shift`.
+    """
+
+    effect = "shift"
+    port = "target"
+    places = ("ball", "reflector")
+    of_session = True
+    equation = "target K -> target K + d after an instant"
+    source = Shift.source
+    reads = ("time",)
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    @classmethod
+    def grids(cls, chain):
+        """Any instant between two samples of one of several targets, but for its first and its last two."""
+        targets = [w for place in cls.places for w in chain.places(place)]
+        sizes = tuple(size for _, _, size in _TWIST[:3])
+        label = f"after {instant_format(chain.state)}"
+        for where in targets if len(targets) > 1 else ():
+            is_own = cls(where, 0.0).is_observed(chain.state)
+            own = np.unique(clock(chain.state)[is_own])
+            between = ((own[1:] + own[:-1]) / 2)[2:-2]
+            if len(between):
+                about = ("after", "step", "time", between, np.ones(len(between)), sizes, label)
+                yield Grid(cls, where, *about, np.tile(is_own.astype(float), (3, 1)))
+
+    def is_observed(self, state) -> np.ndarray:
+        """(n,) bool: samples of this target."""
+        return state.index == self.number
+
+    def table(self, chain):
+        instant = instant_format(chain.state).format(self.after)
+        label = f"the shift of {self.where} (after {instant})"
+        return tuple(
+            self.parameter(axis, unit, size, f"{label}, {axis}") for axis, unit, size in _TWIST[:3]
+        )
+
+    def basis(self, state):
+        is_after = (clock(state) > self.after) & self.is_observed(state)
+        return np.eye(3)[:, :, None] * is_after.astype(float)
+
+
 class Loosening(Effect):
     """The tool loosens: it gives way to its own weight by more and more in the course of the recording.
 
@@ -231,6 +285,7 @@ __all__ = [
     "LinkWarmUp",
     "Loosening",
     "Shift",
+    "TargetShift",
     "instants_between",
     "warm_up_progress",
     "warm_up_variants",

@@ -342,7 +342,7 @@ def option_types(kind: type[Effect]) -> dict[str, object]:
     }
 
 
-NUMBERED = ("joint", "link", "ball")
+NUMBERED = ("joint", "link", "ball", "reflector")
 
 
 def _sits(kind, where) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.samples.group_names import numbered_as
+from robot_model.effects.steps import TargetShift
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.core.errors import InputError
 from workbench.core.model import NOISE
@@ -235,8 +236,15 @@ def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
     sentences = []
     for term in (*diagnosis.terms, *diagnosis.refused):
         text = statements.statement(term, point, diagnosis.unit)
-        sentences.append(statements.with_sample_numbers(text, order, last.ids))
+        own = _own_samples(last.bench.chain, term)
+        sentences.append(statements.with_sample_numbers(text, order[own], last.ids[own]))
     return with_statements(diagnosis, sentences)
+
+
+def _own_samples(chain, term: Term) -> np.ndarray | slice:
+    """The samples between which a term may begin: (n,) bool of the target that moved, all where it is no target."""
+    moved = [e for e in term.finding.effects if isinstance(e, TargetShift)]
+    return moved[0].is_observed(chain.state) if moved else slice(None)
 
 
 def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:

@@ -102,5 +102,6 @@ def _posterior(search, i: int, scan: Scan) -> tuple[Scan, np.ndarray]:
 
 
 def _gap(scan: Scan, value: float) -> float:
-    """Distance between the samples before and after an instant."""
-    return float(scan.x[scan.x > value].min() - scan.x[scan.x <= value].max())
+    """Distance between the samples before and after an instant, of those that the step may move: of one target, say."""
+    x = scan.x[(scan.rows != 0).reshape(-1, len(scan.x)).any(0)]
+    return float(x[x > value].min() - x[x <= value].max())

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robot_model.effects.steps import Shift
+from robot_model.effects.steps import Shift, TargetShift
 from robot_model.effects.transmission import ZeroShift
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY
@@ -20,7 +20,7 @@ from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.stability import effects_of
 from workbench.diagnosis.validation.terms import Term
 
-_STEPS = (Shift, ZeroShift)
+_STEPS = (Shift, TargetShift, ZeroShift)
 
 
 def with_step_places(bench: Bench, terms: Sequence[Term]) -> list[Term]:
@@ -69,17 +69,11 @@ def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> F
 
 
 def _steps_at_its_instant(chain, own: Effect, others: Sequence[Effect]) -> list[Effect]:
-    """The step, and those of all places at its instant that the others do not hold; the last link is the tool."""
-    held = {(effect.effect, effect.where) for effect in others}
-    last = f"link-{chain.robot.joints}"
-    found = [own]
-    for kind in _STEPS:
-        for where in (w for place in kind.places for w in chain.places(place) if w != last):
-            step = kind(where, own.after)
-            name = step.effect, step.where
-            if name != (own.effect, own.where) and name not in held:
-                found.append(step)
-    return found
+    """The step, and those of all places at its instant that the others do not hold."""
+    known = {(effect.effect, effect.where) for effect in (own, *others)}
+    grids = [grid for kind in _STEPS for grid in kind.grids(chain)]
+    steps = [grid.effect(grid.where, own.after) for grid in grids]
+    return [own, *(step for step in steps if (step.effect, step.where) not in known)]
 
 
 def _squares(problem: Problem) -> float:
