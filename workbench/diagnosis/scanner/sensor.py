@@ -134,6 +134,8 @@ class SensorBench(Bench):
             chains = self.chains if samples is None else _at(self.chains, samples)
             fit = self._fit(chains, tuple(effects), _nearest(solved, named))
             for _ in range(MAX_ROUNDS):
+                if not fit.converged:
+                    break  # its residuals are not those of the effects: they tell nothing of shared errors
                 still_shared = with_remaining_shared_errors(chains, tuple(effects), fit)
                 if still_shared is None:
                     break

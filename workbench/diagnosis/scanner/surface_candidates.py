@@ -146,6 +146,27 @@ def _of_sensor(data: SurfaceData, state: _State, is_profile: bool) -> Iterator[C
         label = f"z errs by a quadratic polynomial of {name}"
         depends_on = tuple(name.split(" and "))
         yield _candidate(bias, label, state, state.normals, depends_on, chosen)
+    yield from _of_axes(data, is_profile)
+
+
+def _of_axes(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
+    """Scales of the lateral axes, and axes that are not orthogonal: the linear part of a bias over the field."""
+    lateral = "x" if is_profile else "xy"
+    pairs = ("xz",) if is_profile else ("xy", "xz", "yz")
+    for axis in lateral:
+        yield _linear(data, axis, axis, f"scale of {axis}", "scale", "1")
+    for one, other in pairs:
+        label = f"angle between {one} and {other} is not 90 deg"
+        yield _linear(data, one, other, label, "angle", "rad")
+
+
+def _linear(data: SurfaceData, axis: str, covariate: str, *about: str) -> Candidate:
+    """One axis errs in proportion to a coordinate; about: label, name and unit of the parameter."""
+    values = data.local[AXES.index(covariate)]
+    column = data.along(AXES.index(axis)) * (values - np.median(values))
+    label, name, unit = about
+    kind = (surface.FieldBias.effect, "sensor", label)
+    return Candidate(*kind, (name,), (unit,), column[:, None], (covariate,), values)
 
 
 def _of_ball(data: SurfaceData, state: _State) -> Iterator[Candidate]:
@@ -218,9 +239,9 @@ def _bases(values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _named_degree(covariate: str, axis: str) -> int:
-    """Degree up to which a polynomial is an effect with a name: a scale of z, a bias of the field."""
+    """Degree up to which a polynomial is an effect with a name: a scale, an angle of axes, a bias of the field."""
     if axis != "z":
-        return 0
+        return 1 if covariate in AXES else 0
     return {"x": 2, "y": 2, "z": 1}.get(covariate, 0)
 
 
