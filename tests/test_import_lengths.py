@@ -60,3 +60,16 @@ def test_a_length_without_a_pair_names_the_form_that_is_read(truth, tmp_path):
         InputError, match='with one number in a column pair, as measures = "distance"'
     ):
         import_recording([table], tmp_path / "made", OPTIONS)
+
+
+@pytest.mark.parametrize("names", ["A{k} start,A{k} end", "q{k}_a,q{k}_b"])
+def test_one_row_for_each_length_becomes_two(names, truth, tmp_path):
+    header = [name.format(k=k) for name in names.split(",") for k in range(1, 7)]
+    readings = degrees(truth)
+    cells = np.column_stack([readings[::2], readings[1::2], lengths_of(truth)])
+    table = write_rows(tmp_path / "bar.csv", [*header, "Length [mm]"], cells)
+    made = import_recording([table], tmp_path / "made", OPTIONS)
+    assert made.recording.measures == "distance"
+    assert made.mapping.joints.unit == "deg"
+    assert np.allclose(np.rad2deg(made.recording.joints), readings, atol=1e-6)
+    assert (made.recording.columns["pair"] == np.repeat(np.arange(1, 61), 2)).all()

@@ -7,6 +7,7 @@ from datasets.errors import InputError
 from datasets.importers.mapping.joined_tables.time_units import with_time_units
 from datasets.importers.mapping.proposal import propose
 from datasets.importers.source import RawTable
+from datasets.importers.sources.choice import read_sources
 from datasets.importers.sources.dh_tables import read_dh_table
 
 ROWS = 30
@@ -97,3 +98,44 @@ def test_times_in_seconds_and_logs_of_stops_keep_their_unit():
     for log in (motion(1.0), stops, sweep):
         assert all(not one.units for one in with_time_units([log, track(1.0)]))
     assert not with_time_units([motion(1e3)])[0].units
+
+
+def read(path, text):
+    path.write_text(text)
+    (made,) = read_sources([path], path.parent).tables
+    return made
+
+
+POINTS = np.round(np.random.default_rng(2).normal(scale=500, size=(8, 3)), 3)
+
+
+def test_names_with_spaces_do_not_shift_the_columns_of_a_table_with_tabs(tmp_path):
+    rows = "".join(f"Pose {k}\t{x}\t{y}\t{z}\n" for k, (x, y, z) in enumerate(POINTS))
+    made = read(tmp_path / "points.txt", "Name\tX\tY\tZ\n" + rows)
+    assert list(made.columns) == ["Name", "X", "Y", "Z"]
+    assert np.array_equal(made.columns["X"], POINTS[:, 0])
+
+
+def test_numbers_behind_an_equals_sign_with_spaces(tmp_path):
+    rows = "".join(
+        f'PT "SMR {k}"   X = {x}   Y = {y}   Z = {z}\n' for k, (x, y, z) in enumerate(POINTS)
+    )
+    made = read(tmp_path / "points.txt", rows)
+    assert np.array_equal(np.stack([made.columns[axis] for axis in "XYZ"], axis=1), POINTS)
+
+
+def test_attributes_of_single_children_belong_to_a_record(tmp_path):
+    rows = "".join(
+        f'<Rob Nr="{k}"><AIPos A1="{x}" A2="{y}"/><RIst X="{z}"/></Rob>\n'
+        for k, (x, y, z) in enumerate(POINTS)
+    )
+    made = read(tmp_path / "rsi.xml", f"<Log>\n{rows}</Log>\n")
+    assert list(made.columns) == ["Nr", "AIPos A1", "AIPos A2", "RIst X"]
+    assert np.array_equal(made.columns["RIst X"], POINTS[:, 2])
+
+
+def test_axes_of_one_name_are_the_point_and_rax_are_joints():
+    joints = [f"rax_{k}" for k in range(1, 7)]
+    mapping = propose(table(["X_Value", *joints, "PX", "PY", "PZ"])).mapping
+    assert mapping.point.columns == ("PX", "PY", "PZ")
+    assert mapping.joints.columns == tuple(joints)

@@ -1,4 +1,4 @@
-"""A Denavit-Hartenberg table as text or spreadsheet: the nominal kinematics of a robot that has no robot.toml.
+"""A Denavit-Hartenberg table as text, spreadsheet or records: nominal kinematics of a robot without robot.toml.
 
 One row per joint, and fixed rows at either end (`dh_fixed_rows`), with theta (offset), d, a and alpha, in any order and
 with any usual header. Units come from the headers, else from the numbers. The convention (`standard` or `modified`)
@@ -17,14 +17,18 @@ from datasets.errors import complaint
 from datasets.importers.mapping.columns.headers import Header, read_header
 from datasets.importers.source import RawTable
 from datasets.importers.sources.dh_fixed_rows import fixed_rows, placements
+from datasets.importers.sources.records import read_record_tables, record_lists
 from datasets.importers.sources.tables.excel import read_excel
 from datasets.importers.sources.tables.text_tables import read_text_table
 from datasets.importers.units import ANGLES, LENGTHS
 from datasets.recording_files.arms import check_robot
+from workbench.core.text.structured_text import ContentError, read_json, read_toml, read_yaml
 
 DH_TABLE = "Denavit-Hartenberg table"
 """First words of the source of a robot from such a table."""
-EXTENSIONS = (".csv", ".tsv", ".txt", ".xlsx")
+EXTENSIONS = (".csv", ".tsv", ".txt", ".md", ".xlsx")
+_READERS = {".yaml": read_yaml, ".yml": read_yaml, ".json": read_json, ".toml": read_toml}
+"""Formats with a record for each joint; a .toml file with [[joint]] is a robot.toml."""
 CONVENTIONS = ("standard", "modified")
 
 _INDEX = r"(?:(?:i|k|j|n)?(?:m?1)?|prev|previous)"
@@ -49,11 +53,25 @@ _MOST_MM_IN_METRES = (
 _ROUNDED_DEG = 5e-4  # of a right angle written as 1.5708
 _MOST_JOINTS = 20
 _ANGLES = ("theta", "alpha")
+_ROBOT_KEYS = frozenset(("joint", "urdf", "builtin", "mjcf"))
 
 
 def is_dh_table(path: Path) -> bool:
-    """Whether a file name has the extension of a table."""
-    return path.suffix.lower() in EXTENSIONS
+    """Whether a file is a table by its extension, or holds a list of records that is not that of a robot.toml."""
+    suffix = path.suffix.lower()
+    if suffix not in _READERS or not path.is_file():
+        return suffix in EXTENSIONS
+    content = _content(path)
+    is_robot = isinstance(content, dict) and bool(_ROBOT_KEYS & set(content))
+    return not is_robot and any(record_lists(content, ""))
+
+
+def _content(path: Path):
+    """The value of a structured file; None where it is damaged."""
+    try:
+        return _READERS[path.suffix.lower()](path)
+    except (OSError, ContentError):
+        return None
 
 
 def read_dh_table(path: Path) -> list[dict]:
@@ -93,7 +111,10 @@ def read_dh_table(path: Path) -> list[dict]:
 def _table(path: Path) -> RawTable:
     if path.suffix.lower() == ".xlsx":
         return read_excel(path)[0]
-    return read_text_table(path)
+    if path.suffix.lower() not in _READERS:
+        return read_text_table(path)
+    tables = read_record_tables(path, _content(path))
+    return max(tables, key=lambda table: len(table.columns))
 
 
 def _named_columns(table: RawTable) -> dict[str, Header]:

@@ -28,7 +28,7 @@ def read_record_tables(path: Path, content) -> list[RawTable]:
     """Tables of the value of a JSON or YAML file. Raises InputError where no array has one row per sample."""
     arrays: dict[str, np.ndarray] = {}
     texts: dict[str, np.ndarray] = {}
-    lists = list(_record_lists(content, ""))
+    lists = list(record_lists(content, ""))
     for prefix, records in lists:
         front = f"{prefix} " if prefix and len(lists) > 1 else ""
         rows = [flattened(row) for row in records]
@@ -53,15 +53,15 @@ def _add(name: str, value, arrays: dict[str, np.ndarray], texts: dict[str, np.nd
     array = _number_array(value)
     if array is not None:
         arrays[name] = array
-    elif all(isinstance(cell, str) for cell in value):
-        texts[name] = np.array(value)
+    elif all(isinstance(cell, str | int | float) for cell in value):
+        texts[name] = np.array([str(cell) for cell in value])
 
 
-def _record_lists(content, prefix: str) -> Iterator[tuple[str, list[Mapping]]]:
+def record_lists(content, prefix: str) -> Iterator[tuple[str, list[Mapping]]]:
     """(keys above it, records) of each list of records; a record may also be a list of objects, numbered from 1."""
     if isinstance(content, Mapping):
         for name, value in content.items():
-            yield from _record_lists(value, f"{prefix} {name}".strip())
+            yield from record_lists(value, f"{prefix} {name}".strip())
     elif isinstance(content, list) and len(content) >= _FEWEST:
         if all(isinstance(row, Mapping) for row in content):
             yield prefix, content

@@ -1,6 +1,7 @@
 """XML files whose elements are records: attributes such as j1 = "12.5" of equal elements are the columns of a table.
 
 Staubli controllers store joint and Cartesian positions so (VAL3 .dtx: <Value key="0" j1="..." j2="..." ... />).
+Attributes of single children belong to the record of their parent, as in logs of KUKA's RSI.
 """
 
 import re
@@ -25,8 +26,8 @@ def read_xml_records(path: Path) -> list[RawTable]:
     records: dict[tuple, list[dict[str, str]]] = {}
     for parent in _root(path, text).iter():
         for element in parent:
-            key = (id(parent), element.tag, tuple(element.attrib))
-            records.setdefault(key, []).append(dict(element.attrib))
+            row = _row(element)
+            records.setdefault((id(parent), element.tag, tuple(row)), []).append(row)
     tables = [_table(path, rows) for rows in records.values() if len(rows) >= _FEWEST]
     tables = [table for table in tables if table.columns]
     if not tables:
@@ -37,6 +38,16 @@ def read_xml_records(path: Path) -> list[RawTable]:
             "export the positions as CSV",
         )
     return tables
+
+
+def _row(element) -> dict[str, str]:
+    """Attributes of an element, and those of its children that have a tag of their own: "AIPos A1" of RSI."""
+    row = dict(element.attrib)
+    tags = [child.tag for child in element]
+    for child in element:
+        if tags.count(child.tag) == 1:
+            row |= {f"{child.tag} {name}": value for name, value in child.attrib.items()}
+    return row
 
 
 def _root(path: Path, text: str):

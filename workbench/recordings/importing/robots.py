@@ -13,6 +13,8 @@ from workbench.core.robot_files.builtin_names import check_builtin_name
 from workbench.core.robot_files.robot_description import description_keys, is_description
 from workbench.core.text.structured_text import ContentError, read_toml
 
+_MACRO = b"<xacro:"
+
 
 def robot_keys(name: str | None, file: str) -> Mapping:
     """Value of `Recording.robot` for a built-in name, a file of a robot, or a table of one convention.
@@ -35,11 +37,25 @@ def robot_candidates(name: str | None, file: str) -> dict[str, Mapping]:
 
     Raises InputError as `robot_keys`.
     """
+    if name is not None:
+        _refuse_macros(Path(name))
     if name is not None and is_dh_table(Path(name)):
         _check_there(Path(name))
         tables = read_dh_table(Path(name))
         return {f"{name}, convention {keys['convention']}": keys for keys in tables}
     return {name or "": _plain_keys(name, file)}
+
+
+def _refuse_macros(path: Path) -> None:
+    """Raise InputError for a file whose macros `xacro` has to expand."""
+    is_urdf = path.suffix.lower() in (".urdf", ".xacro") and path.is_file()
+    if is_urdf and _MACRO in path.read_bytes():
+        raise complaint(
+            f"--robot {path}",
+            "a URDF",
+            "macros of xacro",
+            f"expand them with `xacro {path.name} > robot.urdf`, where ROS is installed, and name robot.urdf",
+        )
 
 
 def _plain_keys(name: str | None, file: str) -> Mapping:

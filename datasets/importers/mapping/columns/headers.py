@@ -67,7 +67,7 @@ _PATTERNS = (
     ),
     (
         "joint",
-        r"(?:q|j|jt|joint|joints|gelenk|achse|axis|axe|ax|a|theta|th|gelenkwinkel|achswinkel|achsenwinkel|jointangles?|angles|"
+        r"(?:q|j|jt|rax|joint|joints|gelenk|achse|axis|axe|ax|a|theta|th|gelenkwinkel|achswinkel|achsenwinkel|jointangles?|angles|"
         r"jointpositions?|jointpos|jointvalues?|axisangle|axispos|axisposition|winkel|winkelachse|angle|jointa|position|"
         r"positions|pos)(\d{1,2})[a-z]?",
     ),

@@ -151,11 +151,12 @@ def _object_of(header: Header) -> tuple[str, ...]:
     return (*header.words, header.core[:-1]) if header.kind == "numbered" else header.words
 
 
-def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
+def _sets_of(headers: Sequence[Header], table: RawTable) -> list[ColumnSet]:
     """Sets among headers with the same words in front."""
     kinds: dict[str, dict[str, Header]] = {}
     for header in headers:
         kinds.setdefault(header.kind, {}).setdefault(header.label, header)
+    kinds["xyz"] = _axes_of_one_name(headers) or kinds.get("xyz", {})
     _give_scalar_part(kinds, table)
     words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in SLURBT}
     sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
@@ -166,6 +167,15 @@ def _sets_of(headers: Iterable[Header], table: RawTable) -> list[ColumnSet]:
     if _is_slurbt(words):
         sets.append(_set("joints", [words[word] for word in SLURBT], "slurbt"))
     return sets
+
+
+def _axes_of_one_name(headers: Sequence[Header]) -> dict[str, Header]:
+    """The first x, y and z with one name: PX, PY and PZ next to the column X_Value of LabVIEW, which is a time."""
+    by_stem: dict[str, dict[str, Header]] = {}
+    for header in headers:
+        if header.kind == "xyz":
+            by_stem.setdefault(header.core[:-1], {}).setdefault(header.label, header)
+    return next((axes for axes in by_stem.values() if len(axes) == len("xyz")), {})
 
 
 def _give_scalar_part(kinds: dict[str, dict[str, Header]], table: RawTable) -> None:

@@ -20,6 +20,7 @@ _LABELLED = re.compile(
 """Without a space behind it, a colon may be part of a name, as in A:1."""
 _NUMBERED = re.compile(r"\s*([A-Za-z_]+\d+)\s*[:=]\s*(?=[A-Za-z]{0,4}[\[({])")
 """A name with a number in front of a list in brackets, as in "P17: {": it names the row, not the column."""
+_SPACED_SIGN = re.compile(r"(?<=[A-Za-z\d])[ \t]{0,40}=[ \t]{1,40}(?=[-+.\d])")
 _COUNTED = re.compile(r"([+-]?\d+):")
 _OPENED = re.compile(r'(?:^|[,;\t|])\s*"')
 _MOST_LINES = 40
@@ -72,6 +73,9 @@ def labels_of(line: str, separator: str) -> list[str]:
 
 def _divided(line: str, separator: str) -> list[str]:
     text = _lists_kept(line.strip("\r\n"), separator)
+    framed = text.strip()
+    if separator == "|" and framed.startswith("| ") and framed.endswith(" |"):  # Markdown
+        text = framed[1:-1]
     numbered = _NUMBERED.match(text)
     if numbered:
         text = f"{numbered[1]}{separator}{text[numbered.end() :]}"
@@ -99,7 +103,8 @@ def _at(text: str, separator: str) -> Sequence[str]:
 
 
 def _spaced(text: str) -> list[str]:
-    """Cells between runs of spaces or tabs; a quoted cell may hold spaces."""
+    """Cells between runs of spaces or tabs; a quoted cell may hold spaces, and "X = 1.5" is one cell."""
+    text = _SPACED_SIGN.sub("=", text)
     if '"' not in text:
         return text.split()
     return [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|(\S+)', text)]

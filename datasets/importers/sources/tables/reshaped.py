@@ -1,4 +1,4 @@
-"""Tables in other shapes as one row per sample: a row for each axis of a point, or a column for each sample.
+"""Tables in other shapes as one row per sample: rows of axes or of lengths, or a column for each sample.
 
 Measuring software writes a line for each controlled dimension (PolyWorks: Name, Control, Nom, Meas, ...), and scripts
 write transposed tables. Both are recognised by their cells, whatever file they come from.
@@ -13,6 +13,7 @@ from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.columns.sets import find_sets, headers_of
 from datasets.importers.source import RawTable
 from datasets.importers.sources.tables.axis_rows import AXES, rows_of_axes
+from datasets.importers.sources.tables.length_pairs import two_rows_per_length
 from workbench.core.errors import InputError
 
 _MOST_QUANTITIES = 2000
@@ -26,8 +27,9 @@ def one_row_per_sample(table: RawTable) -> RawTable:
     """
     if len(table.columns) > _MOST_QUANTITIES:
         return _transposed(table) or _refuse_width(table)
-    if find_sets(table):
-        return table
+    of_lengths = two_rows_per_length(table)
+    if of_lengths is not None or find_sets(table):
+        return of_lengths or table
     return _unstacked(table) or _transposed(table) or table
 
 

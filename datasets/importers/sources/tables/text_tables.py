@@ -25,7 +25,8 @@ from datasets.importers.sources.tables.packed_cells import list_in, unpacked
 from datasets.importers.units import is_unit, length_unit_in_text
 
 _SAMPLE_LINES = 400
-_COMMENT = re.compile(r"\s*(#|//|%|!)")
+_COMMENT = re.compile(r"\s*(#|//|%|!|[|+]?[ :]{0,9}-{3,}[\s|+:-]*$)")
+"""Also the rules below the header of a table in Markdown or of a data base: |---|---|."""
 _SEPARATORS = ("\t", ";", "|", ",", " ")
 _POINT = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?")
@@ -178,6 +179,8 @@ def find_layout(lines: Sequence[str], path: Path) -> Layout:
         if found is None:
             continue
         layout, score = found
+        if separator == " " and best is not None and _only_first_has_header(best, layout, lines):
+            continue
         if score > most:
             best, most = layout, score
     if best is None:
@@ -188,6 +191,15 @@ def find_layout(lines: Sequence[str], path: Path) -> Layout:
             "export the table as CSV with one row per measurement",
         )
     return best
+
+
+def _only_first_has_header(first: Layout, spaces: Layout, lines: Sequence[str]) -> bool:
+    """Whether the line above the data has as many cells as the rows by tabs, but not by spaces: names with spaces."""
+    if first.separator != "\t" or not first.first:
+        return False
+    header = lines[first.first - 1]
+    widths = [len(split_cells(header, layout.separator)) for layout in (first, spaces)]
+    return widths[0] == first.width and widths[1] != spaces.width
 
 
 def _layout_with(lines: Sequence[str], separator: str) -> tuple[Layout, float] | None:

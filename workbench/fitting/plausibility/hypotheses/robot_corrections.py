@@ -23,9 +23,9 @@ def robot_corrections(robot) -> Iterator[Correction]:
     other = "craig" if robot.convention == "distal" else "distal"
     yield Correction(
         "convention",
-        f"robot file of '{robot.name}', key convention,",
-        f"is '{CONVENTIONS[robot.convention]}' instead of '{CONVENTIONS[other]}'",
-        f'write convention = "{CONVENTIONS[other]}"',
+        f"robot file of '{robot.name}'",
+        f"is read in the convention '{CONVENTIONS[other]}' and not, as it states, '{CONVENTIONS[robot.convention]}'",
+        f'write convention = "{CONVENTIONS[other]}", in a Denavit-Hartenberg table into the name of the file',
         frozenset({ROBOT}),
         _with_convention(other),
     )

@@ -23,6 +23,7 @@ from datasets.recording import Recording
 from datasets.samples.columns import joint_columns
 from datasets.trust import naming_option
 from robot_model.chain import forward
+from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime
@@ -360,7 +361,7 @@ def compare(
     recordings, places = [], []
     for place, (title, mapping) in enumerate(readings):
         try:
-            recordings.append((title, build(mapping)))
+            recordings.append((title, samples_of(build(mapping))))
             places.append(place)
         except InputError:
             continue  # such as a quaternion that has no length 1
