@@ -74,10 +74,12 @@ def _spaces(problem: Problem, points: np.ndarray) -> Iterator[tuple[str, np.ndar
     """(names, (C, n) standardised values) of covariates in which poses are neighbours."""
     known = {name: x for name, x in problem.sample_covariates.items() if np.ptp(x) > 0}
     joints = sorted(name for name in known if name[:1] == "q" and name[1:].isdigit())
-    groups = {"all joint angles": joints}
-    groups |= {f"the angle of joint {name[1:]}": [name] for name in joints}
+    groups = {"all joint positions": joints}
+    groups |= {f"the position of joint {name[1:]}": [name] for name in joints}
     for names in combinations(joints, 3):
-        groups["the angles of joints {}, {} and {}".format(*(name[1:] for name in names))] = names
+        groups["the positions of joints {}, {} and {}".format(*(name[1:] for name in names))] = (
+            names
+        )
     groups["the direction of gravity in the tool"] = [name for name in _GRAVITY if name in known]
     for label, names in groups.items():
         if names:
