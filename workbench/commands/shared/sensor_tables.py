@@ -44,8 +44,8 @@ def _models(console, choice: Mapping | None) -> None:
         return
     rows = []
     for row in choice["candidates"]:
-        excess = "-"
-        if row["excess_percent"] is not None:
+        excess = "–" if row["excess_percent"] is None else "0"
+        if row["excess_percent"]:
             excess = " ± ".join(measured(row["excess_percent"], row["standard_error_percent"]))
         errors = [number(row[key]) for key in ("rms_px", "held_out_rms_px")]
         model = f"{row['model']} (chosen)" if row["model"] == choice["chosen"] else row["model"]
