@@ -60,6 +60,7 @@ ADDITIONS = {
     "reading-lag",
     "cyclic-lead-error",
     "payload-centre",
+    "sensor-thermal-growth",
 }
 
 
@@ -204,6 +205,7 @@ CASES = (
     ("measured-tilt", "base", {"sensor": "foot"}),
     ("measured-tilt", "link-2", {"sensor": "foot", "axes": "xz"}),
     ("range-scale", "sensor", {"z0": 250.0}),
+    ("sensor-thermal-growth", "sensor", {}),
     ("field-bias", "sensor", {}),
     ("ball-position", "ball-2", {}),
     ("artefact-expansion", "artefact", {}),

@@ -117,6 +117,7 @@ CAUSES = (
     ("base-drift", "base", {"start": 0.0, "end": 1490.0, "order": 1}, {"x_t1": 0.1, "rz_t1": 1e-4}),
     ("axis-run-out", "joint-2", {}, {"x_cos": 0.03, "y_sin": -0.02}),
     ("range-scale", "sensor", {"z0": 125.0}, {"scale": 0.002}),
+    ("sensor-thermal-growth", "sensor", {}, {"per_unit": 3e-4}),
     ("field-bias", "sensor", {}, {"x": 0.02, "xx": -0.02}),
     ("ball-position", "ball-2", {}, {"x": 0.1, "y": -0.05, "z": 0.03}),
     ("artefact-expansion", "artefact", {}, {"per_unit": 2.4e-5}),
@@ -127,7 +128,13 @@ CAUSES = (
         {"payload_kg": 0.4},
     ),
 )
-BY_SCANNER = ("range-scale", "ball-position", "artefact-expansion", "target-shift")
+BY_SCANNER = (
+    "range-scale",
+    "sensor-thermal-growth",
+    "ball-position",
+    "artefact-expansion",
+    "target-shift",
+)
 HOURS = ("joint-thermal-drift", "link-thermal-growth", "artefact-expansion")
 
 

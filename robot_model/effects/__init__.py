@@ -65,6 +65,7 @@ CATALOGUE = {
     "tool-deflection": elastic.ToolDeflection,
     "measured-tilt": tilt.MeasuredTilt,
     "range-scale": sensed.RangeScale,
+    "sensor-thermal-growth": sensed.SensorThermalGrowth,
     "field-bias": sensed.FieldBias,
     "ball-position": sensed.BallPosition,
     "artefact-expansion": sensed.ArtefactExpansion,

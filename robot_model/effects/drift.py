@@ -8,7 +8,13 @@ from pydantic import Field
 from robot_model.chain import THETA, link_lengths
 from robot_model.effects.extrapolation import change_after_recording
 from robot_model.effects.transmission import size_of, turning_joints
-from workbench.core.covariates import clock, missing_temperature, warmth, warmth_sizes
+from workbench.core.covariates import (
+    clock,
+    limit_expansion,
+    missing_temperature,
+    warmth,
+    warmth_sizes,
+)
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
@@ -32,6 +38,7 @@ class LinkThermalGrowth(Effect):
     def candidates(cls, chain):
         """At every link that has a length, with time where no temperature is recorded."""
         for growth in map(cls, chain.places("link")):
+            limit_expansion(growth, chain.state, growth.column)
             if link_lengths(chain.robot, growth.number)[1].any():
                 yield Variant(
                     growth, missing_covariate=missing_temperature(chain.state, growth.column)

@@ -9,7 +9,13 @@ from workbench.core.common_effects import (
     NoiseLaw,
     RangeScaleLaw,
 )
-from workbench.core.covariates import missing_temperature
+from workbench.core.covariates import (
+    known,
+    limit_expansion,
+    missing_temperature,
+    warmth,
+    warmth_sizes,
+)
 from workbench.core.effect import Effect, Variant
 
 
@@ -23,6 +29,31 @@ class RangeScale(RangeScaleLaw, Effect):
         """About the mean range of the recording."""
         for where in chain.places("sensor"):
             yield Variant(cls(where, float(np.round(chain.state.points[2].mean()))))
+
+
+class SensorThermalGrowth(Effect):
+    """The sensor's scale changes with its temperature: camera and laser move apart as their mount expands."""
+
+    effect = "sensor-thermal-growth"
+    port = "sensor"
+    places = ("sensor",)
+    equation = "p -> p (1 + c (T - T0)), p the point in the sensor frame"
+    source = "first-order thermal drift of a triangulation sensor"
+    reads = ("temperature",)
+    column = "temperature_sensor_c"
+
+    @classmethod
+    def candidates(cls, chain):
+        """One, where a temperature is recorded and varies."""
+        if chain.varies(cls.column) or chain.varies("temperature_c"):
+            yield from map(Variant, map(cls, chain.places("sensor")))
+
+    def table(self, chain):
+        unit, size, prior = warmth_sizes(chain.state, 1e-4, self.column)
+        return (self.parameter("per_unit", f"1/{unit}", size, "the sensor's scale", prior),)
+
+    def basis(self, state):
+        return (known(state.points) * warmth(state, self.column))[None]
 
 
 class FieldBias(FieldBiasLaw, Effect):
@@ -49,6 +80,7 @@ class ArtefactExpansion(ArtefactExpansionLaw, Effect):
     def candidates(cls, chain):
         """One, with time where no temperature is recorded."""
         for expansion in map(cls, chain.places("artefact")):
+            limit_expansion(expansion, chain.state, cls.column)
             yield Variant(expansion, missing_covariate=missing_temperature(chain.state, cls.column))
 
 

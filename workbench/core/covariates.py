@@ -172,6 +172,12 @@ def missing_temperature(state, *names: str) -> str:
     return "" if known else "temperature"
 
 
+def limit_expansion(effect, state, *names: str) -> None:
+    """State the sign and the limit of an effect that is a linear expansion; its size with time alone is open."""
+    if not missing_temperature(state, *names):
+        effect.nonnegative, effect.largest = 1, LARGEST_EXPANSION
+
+
 def warmth_sizes(state, kelvin: float, *names: str) -> tuple[str, float, float | None]:
     """Unit of `warmth`, and typical size and prior of what grows with it by about `kelvin` a kelvin.
 
@@ -182,5 +188,8 @@ def warmth_sizes(state, kelvin: float, *names: str) -> tuple[str, float, float |
     return "h", 5 * kelvin, 30 * kelvin
 
 
+LARGEST_EXPANSION = 1.5e-4
+"""Coefficient of linear expansion that no material of a machine exceeds, 1/K: metals have 5e-6 to 25e-6, unfilled
+plastics about 1e-4. None of them is negative."""
 REFERENCE_C = 20.0
 """ISO 1: the standard reference temperature for dimensions, in degrees Celsius."""

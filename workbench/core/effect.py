@@ -105,6 +105,7 @@ class Effect:
         equation: Its law.
         source: Publication of the law.
         nonnegative: How many of its first parameters cannot be negative (a compliance).
+        largest: Value that its first parameter cannot exceed, in the unit of that; of effects with one parameter.
         family: Name of the family of variants that it belongs to; its own name where empty.
         coexists: Whether several variants may act at one place (orders of a harmonic).
         subsumes: Names of effects that are special cases of this one.
@@ -146,6 +147,7 @@ class Effect:
     equation = ""
     source = ""
     nonnegative = 0
+    largest = np.inf
     family = ""
     coexists = False
     subsumes: tuple[str, ...] = ()

@@ -26,6 +26,7 @@ class Candidate:
     another (a gap has one law). `positive`: how many of its first parameters cannot be negative (a compliance deflects
     along its load). `load`: RMS torque or moment (N m) under which an elastic law deflects; 0 of all others. `option`,
     `word`: as of `Variant`. `is_exact`: whether it was made for the value of the option that the data determine.
+    `largest`: of its first parameter, in typical sizes.
     """
 
     effect: str
@@ -43,6 +44,7 @@ class Candidate:
     option: str = ""
     word: str = ""
     is_exact: bool = False
+    largest: float = np.inf
     smooth_covariates = ()
 
     @property

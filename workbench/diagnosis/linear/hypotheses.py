@@ -150,12 +150,17 @@ def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
 
 
 def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -> np.ndarray:
-    """(C,) log 2 Phi(z): what a single parameter that cannot be negative, z sigmas from 0, gains or loses."""
+    """(C,) what the evidence gains or loses by the limits of single parameters: log P(limits | data) / P(limits).
+
+    log 2 Phi(z) where it cannot be negative, z sigmas from 0; log Phi(z_most - z) where it has a largest value.
+    """
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
     gain = scores.gain / projected.design_effect
     variance = np.maximum(projected.yy - gain, 1e-300) / projected.degrees
     z = -np.sign(moments.score[:, 0]) * np.sqrt(gain / variance)
-    return np.where(only, np.log(2) + log_ndtr(z), 0.0)
+    information = np.maximum(moments.gram[:, 0, 0], 1e-300) / projected.design_effect
+    most = np.array([c.largest for c in chosen]) * np.sqrt(information / variance)
+    return np.where(only, np.log(2) + log_ndtr(z) + log_ndtr(most - z), 0.0)
 
 
 def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:

@@ -69,6 +69,7 @@ def candidate_of(
         load,
         variant.option,
         variant.word,
+        largest=effect.largest / float(typical[0]),
     )
 
 

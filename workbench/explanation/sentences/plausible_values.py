@@ -4,13 +4,17 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from robot_model.effects.drift import LinkThermalGrowth
 from robot_model.effects.elastic import MountTilt
+from robot_model.effects.sensed import ArtefactExpansion
+from workbench.core.covariates import LARGEST_EXPANSION
 from workbench.diagnosis.levels import CRITICAL_T
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.explanation.sentences.words import length, measured
 
 _FAR = 10.0
 """Standard deviations of its prior beyond which a value is not plausible: they are orders of magnitude."""
+_EXPANSIONS = (LinkThermalGrowth.effect, ArtefactExpansion.effect)
 _TILT_DEG = 10.0
 """Tilt of gravity that no floor has: the arm is mounted otherwise."""
 
@@ -36,6 +40,11 @@ def implausible_values(
                 f"{row['label']} is {value_text}, which is not plausible (expected before measuring: 0 ± {expected}): "
                 "another cause may stand behind it"
             )
+        elif _is_no_expansion(row):
+            found.append(
+                f"{row['label']} is {value_text}, and no material expands so (metals by 5 to 25 ppm/K): "
+                "another cause grows with the temperature"
+            )
         elif row.get("key") in compliances and value < -std:
             found.append(
                 f"{row['label']} is {value_text}, and no part has a negative one: the direction of gravity, the masses "
@@ -52,6 +61,14 @@ def implausible_values(
                 f"{length(size)}: other causes explain the poses as well"
             )
     return tuple(found)
+
+
+def _is_no_expansion(row: Mapping) -> bool:
+    """Whether a coefficient of linear expansion is significantly negative or larger than that of any material."""
+    if row.get("effect") not in _EXPANSIONS or row["unit"] != "1/K":
+        return False
+    beyond = max(-row["value"], row["value"] - LARGEST_EXPANSION)
+    return beyond > CRITICAL_T * row["std"]
 
 
 def _is_large_tilt(row: Mapping) -> bool:

@@ -1,0 +1,58 @@
+"""Growth with temperature: of a sensor's scale, and of links, whose expansion has a sign and an order of magnitude."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scenes import model_of, observed, scene
+from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find
+from workbench.explanation.sentences.plausible_values import implausible_values
+
+SENSOR = ("sensor-thermal-growth", "sensor")
+LINK = ("link-thermal-growth", "link-2")
+
+
+def warmed(
+    effect: str, where: str, per_kelvin: float, measures: str = "ball-centre", seed: int = 4
+):
+    """A recording at 18 to 30 degrees Celsius of an arm or a sensor that grows."""
+    made = scene(measures, n=100, seed=seed)
+    model = model_of(made, (effect, where, {}))
+    truth = model.parameters.update({f"{where}.{effect}.per_unit": per_kelvin})
+    points = observed(model, truth, np.random.default_rng(seed)).chain.measurement.measured
+    columns = made.recording.columns | dict(zip(("x_mm", "y_mm", "z_mm"), points))
+    return replace(made.recording, columns=columns)
+
+
+def evidence(recording) -> dict:
+    """(effect, place) -> log posterior weight of the best variant."""
+    ranked = ranked_hypotheses(bench_of(recording).problem())
+    return {h.key: h.log_weight for h in reversed(ranked)}
+
+
+def test_a_sensor_whose_scale_depends_on_temperature_is_named():
+    (found,) = find(bench_of(warmed(*SENSOR, 2e-5))).findings
+    assert (found.effect, found.where) == SENSOR and found.probability > 0.9
+
+
+def test_a_link_that_expands_like_steel_is_named():
+    (found,) = find(bench_of(warmed(*LINK, 2e-5, "external-point"))).findings
+    assert (found.effect, found.where) == LINK and found.probability > 0.9
+
+
+@pytest.mark.parametrize("per_kelvin", [-3e-5, 6e-4])
+def test_no_link_shrinks_or_grows_more_than_any_material(per_kelvin):
+    """The same amount with the sign, and of the order, of a material has much more weight."""
+    wrong = evidence(warmed(*LINK, per_kelvin, "external-point"))
+    free = evidence(warmed(*LINK, min(abs(per_kelvin), 1e-4), "external-point"))
+    assert wrong[LINK] < free[LINK] - 10
+
+
+@pytest.mark.parametrize(("value", "is_alarm"), [(-3e-4, True), (6e-4, True), (2e-5, False)])
+def test_an_expansion_that_no_material_has_raises_an_alarm(value, is_alarm):
+    row = {"name": "per_unit", "label": "link 6's growth", "effect": LINK[0]}
+    row |= {"unit": "1/K", "value": value, "std": 2e-5}
+    assert bool(implausible_values([row], 0.1)) == is_alarm
