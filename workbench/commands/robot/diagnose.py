@@ -11,6 +11,9 @@ from workbench.core.errors import InputError
 from workbench.files import runs
 from workbench.fitting.verdicts.verdict import parse_tolerances
 
+_DIFFERENT = 0.1
+"""Relative difference of two held-out errors from which on both are shown."""
+
 Simulation = Annotated[
     Path | None,
     typer.Option(
@@ -208,6 +211,7 @@ def show(console, result) -> None:
         f"Held-out error, RMS, {held_out['folds']} folds{scheme}; noise {held_out['noise_from']}"
     )
     tables.grid(console, title, ["error", *units], rows)
+    _show_written_model(console, held_out, unit)
     _show_other_schemes(console, held_out, unit)
     _show_sensor(console, result)
     if (shares := result["against"]) is not None:
@@ -224,6 +228,18 @@ def show(console, result) -> None:
     model = result.get("model") or {}
     for sentence in model.get("left_out", ()) if model.get("plan") else ():
         console.print(f"Corrected model: {sentence.rstrip('.')}.", markup=False)
+
+
+def _show_written_model(console, held_out, unit: str) -> None:
+    """The held-out error of the model that is written, where a search in the folds finds other terms."""
+    searched, written = held_out[f"after_{unit}"], held_out.get(f"after_same_terms_{unit}")
+    if written and abs(searched - written) > _DIFFERENT * written:
+        console.print(
+            f"{searched:.4g} {unit} is the error where the search is repeated in every fold, and finds other terms in "
+            f"some of them. The model that is written has the findings above: {written:.4g} {unit} with these in "
+            "every fold.",
+            markup=False,
+        )
 
 
 def _show_other_schemes(console, held_out, unit: str) -> None:

@@ -15,6 +15,8 @@ from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 
 _WAVE = TransmissionHarmonic.effect
+CLOSE_GAIN = 6.0
+"""Variances of noise: a difference of gains that chance makes once in seventy times."""
 _SLOW = 6.0
 """Highest order of a harmonic that a smooth function of any angles follows over the range that a joint moves."""
 
@@ -27,6 +29,16 @@ def compatible(h: Hypothesis, other: Hypothesis) -> bool:
     if h.smooth_covariates:
         return h.key != other.key or h.smooth_covariates != other.smooth_covariates
     return h.family != other.family or (h.coexists and h.label != other.label)
+
+
+def only_generalises(other: Hypothesis, judged: Hypothesis, chance: float) -> bool:
+    """Whether another law contains this one as a special case, and what it has more explains no more than chance.
+
+    It is then no other name: friction that does not grow with the load is backlash. chance: `CLOSE_GAIN` variances.
+    """
+    contains = any(judged.effect in effect.subsumes for effect in other.effects)
+    is_larger = other.where == judged.where and other.rank > judged.rank
+    return contains and is_larger and other.gain <= judged.gain + chance
 
 
 def same_place(law: Hypothesis) -> tuple[str, ...]:

@@ -14,7 +14,12 @@ from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import movement, unrecorded_causes
 from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
-from workbench.diagnosis.search.compatible import equivalent_places, same_place
+from workbench.diagnosis.search.compatible import (
+    CLOSE_GAIN,
+    equivalent_places,
+    only_generalises,
+    same_place,
+)
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
 from workbench.diagnosis.search.posterior import EffectPosterior, is_law_of_function, odds_of_both
@@ -23,7 +28,6 @@ from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
-_CLOSE_GAIN = 6.0  # variances of noise: a difference that chance makes once in seventy times
 SAME_FUNCTION = "a function of these covariates at one of the places is one at the other"
 CONFOUNDED = "it makes nearly the same of any poses"
 _MAX_DIRECTIONS = 6  # directions in which a smooth nonparametric alternative may displace a place
@@ -38,7 +42,7 @@ def finding(
     """
     table, accepted = search.alternatives(i), search.accepted[i]
     judged = search.conditional_hypothesis(i, table)
-    explained, chance = search.explained(), _CLOSE_GAIN * search.variance()
+    explained, chance = search.explained(), CLOSE_GAIN * search.variance()
     explanations = []
     for h in table:
         counts = (
@@ -46,7 +50,7 @@ def finding(
             or not h.smooth_covariates
             or _explains_more(h, judged, explained)
         )
-        if counts and not _only_generalises(h, judged, chance):
+        if counts and not only_generalises(h, judged, chance):
             explanations.append(h)
     total = logsumexp([h.log_weight for h in explanations])
     shares: Counter[tuple] = Counter()
@@ -178,26 +182,19 @@ def _merged(general: Finding, parts: Sequence[Finding]) -> Finding:
     """The general finding with the effects of its special cases."""
     names = {(part.effect, part.where) for part in parts}
     merged = (general, *parts)
+    others = [a for a in general.alternatives if (a.effect, a.where) not in names]
+    probability = max(finding.probability for finding in merged)
+    scale = min(1.0, (1 - probability) / max(sum(a.probability for a in others), 1e-300))
     return replace(
         general,
         label=", ".join(finding.label for finding in merged if finding.label),
         effects=tuple(effect for finding in merged for effect in finding.effects),
         p_value=min(finding.p_value for finding in merged),
-        probability=max(finding.probability for finding in merged),
+        probability=probability,
         size=float(np.sqrt(sum(finding.size**2 for finding in merged))),
         gain=sum(finding.gain for finding in merged),
-        alternatives=tuple(a for a in general.alternatives if (a.effect, a.where) not in names),
+        alternatives=tuple(replace(a, probability=a.probability * scale) for a in others),
     )
-
-
-def _only_generalises(other: Hypothesis, judged: Hypothesis, chance: float) -> bool:
-    """Whether another law contains this one as a special case, and what it has more explains no more than chance.
-
-    It is then no other name: friction that does not grow with the load is backlash.
-    """
-    contains = any(judged.effect in effect.subsumes for effect in other.effects)
-    is_larger = other.where == judged.where and other.rank > judged.rank
-    return contains and is_larger and other.gain <= judged.gain + chance
 
 
 def _with_set_posterior(

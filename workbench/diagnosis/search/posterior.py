@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.diagnosis.levels import (
     LEAST_LOG_ODDS,
@@ -22,6 +23,7 @@ from workbench.diagnosis.levels import (
 )
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.robot.mass_responses import LABEL
+from workbench.diagnosis.search.compatible import CLOSE_GAIN, only_generalises
 from workbench.diagnosis.search.constant_load import accept_constant_loads, prefer_stated_masses
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
@@ -253,14 +255,18 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     exact, and it makes the error of a law as well.
     """
     accepted = search.accepted[i]
-    if is_elastic(accepted):
+    is_wave = accepted.effect == TransmissionHarmonic.effect  # of order 1 it counts as elastic
+    if is_elastic(accepted) and not is_wave:
         return None
     table = search.alternatives(i)
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
+    judged, chance = search.conditional_hypothesis(i, table), CLOSE_GAIN * search.variance()
+    with_elastic = accepted.smooth_covariates or is_elastic(accepted)
     for h in table:
-        is_law = not h.smooth_covariates and (accepted.smooth_covariates or not is_elastic(h))
+        is_law = not h.smooth_covariates and (with_elastic or not is_elastic(h))
+        is_law &= not only_generalises(h, judged, chance)
         if is_law or (accepted.smooth_covariates and h.key == accepted.key):
             families.setdefault(h.key, []).append(h)
     marginal = {

@@ -123,18 +123,23 @@ class _Folds:
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
         nested = min(t) if rises_significantly(min(t), self._sigma) else max(t)
-        displacements = [
-            fold.displacements for rows in self._solved.values() for fold in rows.values()
-        ]
+        folds = [fold for rows in self._solved.values() for fold in rows.values()]
+        found = [fold.holds(term.finding, moved) for fold in folds]
+        replaced = [_is_reselected(moved, fold.displacements) for fold in folds]
         judged = replace(
             term,
-            reselected_folds=sum(_is_reselected(moved, others) for others in displacements),
-            searched_folds=len(displacements),
+            reselected_folds=sum(replaced),
+            searched_folds=len(folds),
             t_nested=nested,
         )
         if nested > critical_t(self._sigma):
             return judged
         reason = f"what the nested search finds in its place does not reduce the held-out error (t = {nested:.1f})"
+        if not any(found) and any(replaced):
+            reason = (
+                "it is not needed: no fold finds it or what is confounded with it, and other terms together make the "
+                "same there"
+            )
         return replace(judged, kept=False, reason=reason)
 
     def _t(self, finding: Finding, indices: Sequence[int], moved: np.ndarray) -> list[float]:
@@ -185,6 +190,11 @@ class _SolvedFold:
     findings: list[Finding]
     problem: Problem
     displacements: list[np.ndarray]
+
+    def holds(self, finding: Finding, moved: np.ndarray) -> bool:
+        """Whether the fold found a finding, or what is confounded with it; moved (N,): what this makes."""
+        pairs = zip(self.findings, self.displacements)
+        return any(_same(own, made, finding, moved) for own, made in pairs)
 
 
 def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _SolvedFold]:

@@ -57,8 +57,8 @@ def implausible_values(
             )
         elif row["name"] == DEFLECTION and size and value < CRITICAL_T * std:
             found.append(
-                f"the deflection of {value_text} is not significant in these poses, although the term makes "
-                f"{length(size)}: other causes explain the poses as well"
+                f"the deflection of {value_text} is not significant in these poses. The {length(size)} that the "
+                "term makes are cancelled by other terms or by the geometry: other causes explain the poses as well"
             )
     return tuple(found)
 

@@ -319,6 +319,8 @@ def _validated(term: Term, unit: str) -> str:
     verb = "reduces" if term.gain > 0 else "increases"
     t = f" (t = {term.t:.1f})" if term.t is not None else ""
     text = f"It {verb} the held-out RMS error by {length(abs(term.gain), unit)}{t}"
+    if term.t is not None and term.t * term.gain <= 0:  # few large errors against many small ones
+        text = f"It does not change the held-out RMS error significantly{t}"
     if term.searched_folds:
         text += f" and is reselected in {term.reselected_folds} of {term.searched_folds} folds"
     return f"{text}."
@@ -336,10 +338,15 @@ def _doubt(found: Finding) -> str:
     likely = [
         alternative for alternative in others if alternative.probability >= LISTED_PROBABILITY
     ] or others[:1]
+    likely = sorted(likely, key=lambda alternative: -alternative.probability)
     texts = [_other(alternative) for alternative in likely[:_MOST]]
     more = len(likely) - _MOST
     if more > 0:
         texts.append(f"{more} {'others are' if more > 1 else 'other is'} less probable")
+    if likely[0].probability - found.probability > LISTED_PROBABILITY:
+        instead = f"This effect, which the model contains in its place, has {_probability(found)}"
+        texts = [texts[0], instead, *texts[1:]]
+        return f"In these poses another cause is more probable: {'; '.join(texts)}."
     return (
         f"In these poses the name is not certain. This effect has a probability of {_probability(found)}; "
         f"{'; '.join(texts)}."
