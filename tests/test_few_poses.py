@@ -4,15 +4,23 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from datasets.makers import gubankov
 from robot_model.effects import CATALOGUE
 from robot_model.system import bind
 from scenes import scene
 from test_diagnosis_engine import SIGMA, recorded
+from workbench.core.errors import InputError
 from workbench.core.solution import Stage
 from workbench.files.results import StageResult
-from workbench.fitting.calibration_plans.plans import FEW_POSES, geometry, plan_of_recording
+from workbench.fitting.calibration_plans.plans import (
+    FEW_POSES,
+    base_and_tool,
+    geometry,
+    plan_of_recording,
+)
 from workbench.fitting.cross_validation import HeldOut
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.stages import with_errors_of_result
@@ -108,3 +116,16 @@ def test_folds_know_no_value_that_the_fit_of_all_poses_left():
     held = ~parameters.mask & (parameters.precision > 0)
     np.testing.assert_allclose(parameters.values[held], parameters.nulls[held], atol=1e-12)
     assert result.held_out["rms_mm"] > np.sqrt(3) * SIGMA
+
+
+def test_a_fit_without_degrees_of_freedom_states_no_error():
+    """Four touches of one point are met exactly by any arm: their held-out error would be a rounding error."""
+    made = gubankov.ur10e(0.3, 5).recording()
+    touched = made.columns["point"] == made.columns["point"][0]
+    few = replace(made.select(np.flatnonzero(touched)[:4]), sigma_mm=None)
+    with pytest.raises(
+        InputError, match="the fit is exact .* neither noise nor error can be stated"
+    ):
+        calibrate(few, trust_data=True)
+    result = calibrate(few, [base_and_tool()], trust_data=True)
+    assert result.held_out["rms_mm"] > 0.05

@@ -154,6 +154,7 @@ def calibrate(
             chosen = _on_all(chosen, split, stages, progress)
         else:
             chosen = _chosen(Model(chain), split, some, stages, progress)
+    _check_degrees_of_freedom(moving.name, chosen)
     calibration = _calibration(checked, chosen, split, progress)
     warnings = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
     return replace(calibration, warnings=(*calibration.warnings, *warnings))
@@ -218,6 +219,24 @@ def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
     if off.sum() > everyone.fit.sum() / 20:
         return split
     return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
+
+
+def _check_degrees_of_freedom(name: str, chosen: Chosen) -> None:
+    """InputError where the result meets measurements of unknown noise exactly, whatever the arm does.
+
+    The noise would then be zero, and so would be the errors of left-out poses, which follow the start of their fit.
+    """
+    fit, chain = chosen.step.fit, chosen.step.model.chain
+    if not chain.sigma_unknown or fit.degrees > 1:
+        return
+    coordinates, asked = fit.residual.size, chosen.results[0].free if chosen.results else 0
+    least = max(2 * asked, 2 * coordinates) // len(fit.residual)
+    raise InputError(
+        f"recording '{name}': expected more measured coordinates than combinations of parameters, found "
+        f"{coordinates} coordinates for {chosen.step.rank} combinations: the fit is exact whatever the arm does, so "
+        f"that neither noise nor error can be stated; measure about {least} poses, state sigma_mm, or estimate the "
+        "nominal arm's base and tool alone (--plan base-and-tool)"
+    )
 
 
 def _final_held_out(step: Step, split: Split, progress, what: str) -> HeldOut:
