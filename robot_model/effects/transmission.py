@@ -64,6 +64,15 @@ class TransmissionHarmonic(Effect):
         is_first = self.order == 1
         return (("joint-torque", self.where, "of a spring or a hose"),) if is_first else ()
 
+    @property
+    def distinguished_by(self):
+        """A deflection grows with the load; the torque of a hose or a spring ends where this is taken off."""
+        if self.order != 1:
+            return ""
+        return (
+            "measure the same poses with another load, and once more without the hose or the spring"
+        )
+
     @classmethod
     def candidates(cls, chain):
         """The orders 1 to 4 at every joint that rotates far enough."""

@@ -8,7 +8,15 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
-from workbench.diagnosis.levels import CONFIDENCE, LISTED_PROBABILITY, MOST_LISTED, RARE_PRIOR
+from robot_model.effects.transmission import TransmissionHarmonic
+from robot_model.effects.unknown_masses import GravityCompliance
+from workbench.diagnosis.levels import (
+    CONFIDENCE,
+    CONFOUNDED_SHARE,
+    LISTED_PROBABILITY,
+    MOST_LISTED,
+    RARE_PRIOR,
+)
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.noise.random_effects import movement, unrecorded_causes
@@ -77,7 +85,7 @@ def finding(
         result = with_equivalent_places(result, search.bench.chain.robot.joints)
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, judged, result)
-    return _with_confounded_laws(result)
+    return _with_confounded_laws(result, _own_gravity(search, i, table))
 
 
 def _with_sets_of_both(
@@ -113,17 +121,43 @@ def with_equivalent_places(finding: Finding, joints: int) -> Finding:
     return replace(finding, probability=probability, alternatives=(*others, *rest))
 
 
-def _with_confounded_laws(finding: Finding) -> Finding:
-    """The finding with the laws that make the same of any poses; all share what it and these have, each as much."""
+def _with_confounded_laws(finding: Finding, more: Sequence[Alternative] = ()) -> Finding:
+    """The finding with the laws that make the same of any poses; all share what it and these have, each as much.
+
+    more: laws that make the same in these poses.
+    """
     laws = [law for effect in finding.effects for law in effect.confounded_with]
-    if not laws:
+    if not laws and not more:
         return finding
-    keys = {(effect, where) for effect, where, _ in laws}
+    named = [*(Alternative(*law, 0.0, 1.0, CONFOUNDED) for law in laws), *more]
+    keys = {(law.effect, law.where) for law in named}
     same = [a for a in finding.alternatives if (a.effect, a.where) in keys]
     others = tuple(a for a in finding.alternatives if a not in same)
-    share = (finding.probability + sum(a.probability for a in same)) / (1 + len(laws))
-    named = tuple(Alternative(*law, share, 1.0, CONFOUNDED) for law in laws)
+    share = (finding.probability + sum(a.probability for a in same)) / (1 + len(named))
+    named = [replace(law, probability=share) for law in named]
     return replace(finding, probability=share, alternatives=(*named, *others))
+
+
+def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[Alternative, ...]:
+    """The gravity compliance of the joint of an accepted first harmonic, where this makes the same in these poses.
+
+    The torque of links whose masses are not stated is a first harmonic of the joint's angle as far as the links beyond
+    keep their direction, as the forearm of a parallelogram does. Only the number of unknowns then decides between the
+    two laws. Its probability is 0 here: the confounded laws share what they have.
+    """
+    accepted = search.accepted[i]
+    if accepted.effect != TransmissionHarmonic.effect or accepted.effects[0].order != 1:
+        return ()
+    key = GravityCompliance.effect, accepted.where
+    own = [h for h in table if h.key == key and type(h.effects[0]) is GravityCompliance]
+    if not own:
+        return ()
+    problem = search.problem.conditional_on(search.other_indices(i))
+    wave = problem.orthogonal_basis(accepted.columns(problem))
+    gravity = problem.orthogonalise(own[0].columns(problem))
+    alike = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
+    why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+    return (Alternative(*key, "", 0.0, alike, why),) if alike >= CONFOUNDED_SHARE else ()
 
 
 def bare_finding(h: Hypothesis) -> Finding:
