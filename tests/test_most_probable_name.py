@@ -97,3 +97,13 @@ def test_a_fold_holds_a_term_by_its_name_or_by_what_is_confounded_with_it():
     assert fold(other, mine).holds(mine, moved)
     assert fold(2 * moved, stranger).holds(mine, moved)
     assert not fold(moved + other, stranger).holds(mine, moved)
+
+
+def test_a_function_without_a_law_gives_way_to_a_law():
+    bench = bench_of(recorded(5, (CURVE,), [6e-4, 5e-4, -6e-4], n=120))
+    search = Search(bench, None, 0.005, lambda line: None)
+    search.solve()
+    search.accepted = (next(h for h in search.table(()) if h.smooth_covariates == ("q2",)),)
+    search.solve()
+    exchange_terms(search)
+    assert search.accepted[0].key == ("joint-curve", "joint-2")

@@ -263,10 +263,10 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
         return law
     families: dict[Key, list[Hypothesis]] = {}
     judged, chance = search.conditional_hypothesis(i, table), CLOSE_GAIN * search.variance()
-    with_elastic = accepted.smooth_covariates or is_elastic(accepted)
+    with_elastic = bool(accepted.smooth_covariates) or is_elastic(accepted)
     for h in table:
         is_law = not h.smooth_covariates and (with_elastic or not is_elastic(h))
-        is_law &= not only_generalises(h, judged, chance)
+        is_law = is_law and not only_generalises(h, judged, chance)
         if is_law or (accepted.smooth_covariates and h.key == accepted.key):
             families.setdefault(h.key, []).append(h)
     marginal = {
