@@ -61,6 +61,8 @@ class Recording:
     """Column of groups (reflector, pose, ...) -> its names in the file; name k stands for the number k + 1."""
     time_origin: float | str | None = None
     """The moment of time_s = 0: s of a numeric clock, or an ISO 8601 time stamp; None where it is unknown."""
+    remarks: tuple[str, ...] = ()
+    """Sentences of an import that the recording alone does not show; they are among the `warnings` once it is read."""
     is_resampled: bool = False
     """True where rows were drawn with replacement (bootstrap): equal rows then count as often as they were drawn."""
 

@@ -55,7 +55,8 @@ def read_recording(folder: Path, trust_data: bool = False) -> Recording:
         source=keys.get("source", ""),
         licence=keys.get("licence", ""),
         sha256=_digest(folder, keys),
-        warnings=warnings,
+        warnings=(*keys.get("remarks", ()), *warnings),
+        remarks=tuple(keys.get("remarks", ())),
         group_names=names,
         time_origin=keys.get("samples", {}).get("time_origin"),
     )
@@ -87,6 +88,7 @@ def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, 
         source=keys.get("source", ""),
         licence=keys.get("licence", ""),
         time_origin=keys["samples"].get("time_origin"),
+        remarks=tuple(keys.get("remarks", ())),
     )
     path = inside(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)

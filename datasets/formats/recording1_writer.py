@@ -103,6 +103,7 @@ def _header(recording: Recording) -> dict:
         "name": recording.name,
         "source": recording.source,
         "licence": recording.licence,
+        "remarks": list(recording.remarks),
         "sigma_mm": recording.sigma_mm,
         "board": recording.board,
         "guess": recording.guess,

@@ -117,6 +117,7 @@ RECORDING = {
     "name": TEXT,
     "source": TEXT,
     "licence": TEXT,
+    "remarks": Key(_are_names, "a list of sentences in quotes"),
     "sigma_mm": Key(_above_zero, "1 sigma of a coordinate above 0, in mm"),
     "robot": TABLE,
     "samples": TABLE,

@@ -107,6 +107,7 @@ def read_chunks(folder: Path, trust_data: bool = False) -> Chunks:
     copies = _copies(np.concatenate(keys), sample)
     if copies.size:
         warnings = (*warnings, _copies_sentence(head, numbers, copies))
+    warnings = (*head.remarks, *warnings)
     head = replace(head, warnings=warnings)
     sample = replace(sample.select(~np.isin(sample.columns["row"], copies)), warnings=warnings)
     pose = np.delete(np.concatenate(poses), copies)

@@ -18,6 +18,7 @@ from workbench.core.model import Model
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.robot_files.far_geometry import CAUSE, OTHER_ROBOT
 from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.row_order import without_sorted_rows
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 
 # Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
@@ -80,7 +81,7 @@ def check_samples(
     where the recorded data cannot be right.
     """
     check_measures(recording)
-    samples = samples_of(recording)
+    samples = without_sorted_rows(samples_of(recording))
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     ambiguity = ambiguity_sentence(robot, samples)
     if ambiguity is not None:

@@ -67,6 +67,23 @@ def calculated_points(builder: Builder, mapping: Mapping, recording, options) ->
     return (sentence,)
 
 
+def guessed_robot(builder: Builder, recording, calculated, options) -> tuple[str, ...]:
+    """A sentence on a robot that nobody named; calculated: sentences of `calculated_points`.
+
+    Raises InputError where the points are the controller's and not the nominal kinematics of the built-in robot: then
+    they are those of another arm, or of one whose calibrated lengths only the controller knows.
+    """
+    name = builder.robot.name
+    misfit = nominal_scale(builder.robot, samples_of(recording))
+    sentence = (
+        f"No robot was named; '{name}' is a guess: of the built-in ones it fits best, with a misfit of {misfit:.2g} mm "
+        "at its nominal lengths. If the arm is another one, name its file with --robot."
+    )
+    if calculated and not options.trust_data:
+        raise InputError(naming_option(f"{builder.table.file}: {sentence} {calculated[0]}"))
+    return (sentence,)
+
+
 def _how_calculated(robot, recording) -> tuple[str, bool] | None:
     """A sentence on points that fit better than measured ones, and whether they equal the nominal kinematics."""
     rounding = _LEAST_MM + _ROUNDING_FACTOR * _rounding_mm(robot, recording)

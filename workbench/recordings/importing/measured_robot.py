@@ -18,7 +18,7 @@ from robot_model.state import sliding
 from workbench.core.deadline import OutOfTime, limited
 from workbench.core.errors import InputError
 from workbench.recordings.importing.builder import Builder
-from workbench.recordings.importing.calculated_points import calculated_points
+from workbench.recordings.importing.calculated_points import calculated_points, guessed_robot
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.interpretation import decisions, robot_decision
 from workbench.recordings.importing.interpretation.fits import CandidateFit
@@ -140,7 +140,6 @@ def _with_robot(found, options, progress):
     if named is None:
         progress("comparing the built-in robots")
         named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
-        said = (*said, f"No robot was named; of the built-in ones {named} fits.")
     mapping = replace(mapping, robot=named)
     return mapping, _candidates(named, table, mapping), said
 
@@ -192,7 +191,10 @@ def _finished(decided: DecidedTable, found, options) -> Made:
     lines = builder.table.lines
     calculated = calculated_points(builder, decision.mapping, recording, options)
     checked = check_fit(builder.robot, recording, decision.fits, options.trust_data, lines)
-    checked = (*calculated, *checked)
+    is_named = (options.robot or found.mapping.robot) is not None
+    guess = () if is_named else guessed_robot(builder, recording, calculated, options)
+    recording = replace(recording, remarks=(*guess, *calculated))
+    checked = (*guess, *calculated, *checked)
     said = (*decided.said, *checked)
     mapping = builder.with_lengths_of_slides(decision.mapping)
     return Made(recording, mapping, decision.fits, said, clocks, checked)

@@ -20,7 +20,7 @@ from datasets.trust import naming_option
 from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing.builder import Builder
-from workbench.recordings.importing.calculated_points import calculated_points
+from workbench.recordings.importing.calculated_points import calculated_points, guessed_robot
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.interpretation.decisions import Decision
 from workbench.recordings.importing.interpretation.fits import compare_readings
@@ -55,7 +55,8 @@ def import_sessions(found, options, progress) -> Made:
         session = replace(sessions[place], mapping=mapping)
         decided[place] = decide_table(session, options, progress)
     parts = [decided[place] for place in range(len(tables))]
-    return _together(parts, order[0], options)
+    is_named = (options.robot or sessions[order[0]].mapping.robot) is not None
+    return _together(parts, order[0], options, is_named)
 
 
 def _as_largest(table: RawTable, largest: DecidedTable) -> DecidedTable:
@@ -78,8 +79,8 @@ def _columns(mapping: Mapping, quantity: str) -> tuple[str, ...]:
     return () if group is None else group.columns
 
 
-def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
-    """One recording of the decided tables, which has to fit the robot."""
+def _together(parts: Sequence[DecidedTable], largest: int, options, is_named: bool) -> Made:
+    """One recording of the decided tables, which has to fit the robot; is_named: whether the user named it."""
     builder = parts[largest].builder
     robot = builder.robot
     tables = [part.builder.table for part in parts]
@@ -96,7 +97,9 @@ def _together(parts: Sequence[DecidedTable], largest: int, options) -> Made:
         raise InputError(naming_option(_apart(tables, fits[0].words)))
     calculated = calculated_points(joined, mapping, recording, options)
     checked = check_fit(robot, recording, fits, options.trust_data, table.lines)
-    checked = (*calculated, *checked)
+    guess = () if is_named else guessed_robot(joined, recording, calculated, options)
+    recording = replace(recording, remarks=(*guess, *calculated))
+    checked = (*guess, *calculated, *checked)
     said = [sentence for part in parts for sentence in part.said]
     part = [part.clocks.sentence for part in parts if part.clocks and part.clocks.is_doubt]
     said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]

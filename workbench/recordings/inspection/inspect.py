@@ -1,12 +1,13 @@
 """One judgement of a recording: can the command that it is meant for do its work, and what would improve it?"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from datasets.recording import Recording
 from datasets.samples.columns import KINDS
+from workbench.fitting.row_order import without_sorted_rows
 from workbench.recordings.inspection.coverage import (
     Coverage,
     ImageCoverage,
@@ -117,6 +118,7 @@ def inspect_recording(
     recording: Recording, progress: Callable[[str], None] = lambda text: None
 ) -> Inspection:
     """Coverage, repeats and needs of a recording of any kind. Raises InputError where its robot cannot be loaded."""
+    recording = replace(recording, warnings=without_sorted_rows(recording).warnings)
     coverage = coverage_of(recording)
     is_images = KINDS[recording.measures].images
     nothing = Repeats(0, 0, np.nan, np.nan, np.empty((3, 0)))
