@@ -36,6 +36,7 @@ UNCHECKED = {
     "jobs/robot/significance.py",
     "recordings/importing/calculated_points.py",
     "recordings/importing/final_check.py",
+    "recordings/importing/interpretation/decisions.py",
     "recordings/inspection/needs.py",
     "report/planning/identifiability.py",
     "report/planning/poses.py",

@@ -21,12 +21,12 @@ _JUMPS = (
 def without_sorted_rows(recording: Recording) -> Recording:
     """The recording in a random order, always the same, with a warning, where its rows are sorted by a joint reading.
 
-    As it is where times are recorded, or where neighbouring rows are neighbours in the other joints, too, as in a sweep.
+    As it is where times are recorded, or where neighbouring rows are near one another in other joints, as in a sweep.
     """
     joint = sorting_joint(recording)
     if joint is None:
         return recording
-    shown = [pose for pose in dict.fromkeys(recording.poses.tolist())]
+    shown = list(dict.fromkeys(recording.poses.tolist()))
     place = dict(zip(shown, np.random.default_rng(0).permutation(len(shown)).tolist()))
     rows = np.argsort([place[pose] for pose in recording.poses.tolist()], kind="stable")
     number = joint_number(joint)

@@ -68,7 +68,7 @@ def calculated_points(builder: Builder, mapping: Mapping, recording, options) ->
 
 
 def guessed_robot(builder: Builder, recording, calculated, options) -> tuple[str, ...]:
-    """A sentence on a robot that nobody named; calculated: sentences of `calculated_points`.
+    """A sentence on a robot that no option names; calculated: sentences of `calculated_points`.
 
     Raises InputError where the points are the controller's and not the nominal kinematics of the built-in robot: then
     they are those of another arm, or of one whose calibrated lengths only the controller knows.
