@@ -175,3 +175,21 @@ def sets_of_columns():
     columns[2] = columns[0] + columns[1] + 0.2 * columns[2]
     white = 9 * (columns[0] + columns[1]) + rng.normal(size=300)
     return columns, white
+
+
+BALLS = {
+    "measures": "ball-centre",
+    "balls": [[0.0, 0.0, 0.0, 15.0], [80.0, 5.0, -3.0, 15.0], [10.0, 70.0, 4.0, 15.0]],
+    "base": {"xyz_mm": [-450.0, 0.0, -100.0]},
+    "tool": {"xyz_mm": [0.0, 0.0, 60.0]},
+    "samples": 120,
+}
+
+
+def test_the_noise_is_what_remains_after_a_large_effect_that_was_found(tmp_path):
+    """A hundred times the usual size: its usual prior would leave most of it in the residual."""
+    bias = {"effect": "field-bias", "where": "sensor", "values": {"xx": 4.0, "yy": -2.0}}
+    path = scene_file(tmp_path, "truth", **BALLS, seed=3, effect=[bias])
+    reference = reference_of(scene_file(tmp_path, **BALLS), None)
+    found = differences(reference, simulate(path), (CATALOGUE["field-bias"]("sensor"),))
+    assert found.noise["factor"] == pytest.approx(1, abs=0.08)

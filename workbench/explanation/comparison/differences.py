@@ -25,6 +25,8 @@ from workbench.explanation.comparison.reference import Reference
 from workbench.explanation.result import Diagnosis
 from workbench.explanation.term_steps import step_of_simulation
 from workbench.fitting.calibration_plans.plans import frames_of
+from workbench.fitting.noise_scale import NOISE_ROUNDS
+from workbench.fitting.priors.wider_priors import widened
 
 _MOST = 12  # parameters that are named
 
@@ -71,7 +73,8 @@ def differences(
     start = model.parameters.update(values)
     candidates = _candidates(model, start, reference_only)
     chosen = _selected(model, start, candidates)
-    all_differences = solve(model, _free(model, start, candidates))
+    all_differences = _solved(model, _free(model, start, candidates))
+    start = replace(start, table=all_differences.parameters.table)
     model = replace(model, chain=_scaled(model.chain, all_differences.sigma_scale), _bases={})
     fit = solve(model, _free(model, start, chosen))
     rows = _rows(model, start, fit, candidates, chosen)
@@ -96,6 +99,20 @@ def with_differences(diagnosis: Diagnosis, reference: Reference, recording) -> D
 
 def _is_among(effect: Effect, others: Sequence[Effect]) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
+
+
+def _solved(model: _Compared, free: Parameters) -> Fit:
+    """Fit with wider priors for effects that are far larger than usual, as in the diagnosis that found them.
+
+    Shrunk by their usual priors, they would leave a residual that counts as noise.
+    """
+    fit = solve(model, free)
+    for _ in range(NOISE_ROUNDS):
+        wider = widened(model, fit)
+        if wider is fit.parameters:
+            break
+        fit = solve(model, wider)
+    return fit
 
 
 def _scaled(chain: RobotChain, scale: float) -> RobotChain:
