@@ -26,7 +26,7 @@ PLAIN = """beyond_limits_rows command configurations converged corrected correct
 correction_rms_mm expanded_uncertainty_max_mm fit group_names held_out input joint_curves joints largest_correction_deg
 largest_correction_mm measures nominal nominal_error_mm noise noise_mm observability options outcome parameters point
 position_left_rms_mm provenance reached recording rotation_left_rms_deg run samples selection sigma_rms_mm solution
-stages stiffness targets unattainable unattainable_rows uncertainty_rms_mm unreached_rows verdict warnings
+stages stiffness targets terms unattainable unattainable_rows uncertainty_rms_mm unreached_rows verdict warnings
 why_expected""".split()
 PLACES = " ".join(row[1] for row in ROWS)
 SYMBOLS = sorted(set(re.findall(r"`((?:workbench|datasets|sensors|robot_model)\.[\w.]+)`", PLACES)))

@@ -150,6 +150,7 @@ def calibration_json(calibration) -> dict:
         "outcome": solution.outcome,
         "joint_curves": describe_curves(calibration.model, solution.parameters),
         "stiffness": calibration.stiffness,
+        "terms": calibration.terms,
         "undetermined": list(solution.null_sentences),
         "observability": known.observability(calibration.recording.n),
         "suspect_samples": list(calibration.suspects),

@@ -12,6 +12,7 @@ ROTATION_MEASURES = (
     "rotation_max_deg",
 )
 _LONGEST_NAME = 40
+_MOST_TERMS = 12
 _GAP = 2  # spaces between columns
 _BLOCKS = ("nominal", "fit", "held_out")
 _DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
@@ -30,6 +31,7 @@ def calibration(console, answer: Mapping) -> None:
     curves = answer.get("joint_curves", [])
     _joint_curves(console, curves)
     _stiffness(console, answer.get("stiffness", []))
+    _terms(console, answer.get("terms", []))
     described = tuple(f"{row['where']}.{JointCurve.effect}." for row in curves)
     others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
     _parameters(console, others)
@@ -202,6 +204,21 @@ def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
     grid(console, title, head, rows, left=3)
     if validity := holds_for(stiffness):
         console.print(f"{validity.replace('`', '')}\n", markup=False)
+
+
+def _terms(console, terms: Sequence[Mapping]) -> None:
+    """The largest terms of the model, by how far each moves the measured point."""
+    if not terms:
+        return
+    rows = [[_term_name(row), f"{row['rms_mm']:.3g}"] for row in terms[:_MOST_TERMS]]
+    more = len(terms) - len(rows)
+    title = "Terms of the model, RMS change of the measured point beyond base and tool"
+    title += f" ({more} smaller ones are in the JSON)" if more else ""
+    grid(console, title, ["term", "RMS mm"], rows)
+
+
+def _term_name(row: Mapping) -> str:
+    return f"{row['name']}, order {row['order']}" if "order" in row else row["name"]
 
 
 def _key(row: Mapping) -> str:

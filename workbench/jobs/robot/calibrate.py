@@ -25,6 +25,8 @@ from workbench.core.parameters import Parameters
 from workbench.core.solution import Solution, Stage
 from workbench.files.provenance import provenance
 from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
+from workbench.files.solution_file import name_of
+from workbench.files.term_sizes import term_sizes
 from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
 from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
 from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
@@ -110,6 +112,11 @@ class Calibration:
     def stiffness(self) -> list[dict]:
         """A row a joint that deflects, as of `robot_model.stiffness.StiffnessRow`."""
         return joint_stiffness(self)
+
+    @cached_property
+    def terms(self) -> list[dict]:
+        """Size of each retained term of transmission, compliance and other effects, as of `term_sizes`."""
+        return term_sizes(self.model, self.solution.parameters, name_of)
 
     def as_json(self) -> dict:
         """The object of the JSON contract."""
