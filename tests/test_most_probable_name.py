@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robot_model.effects.curve import JointCurve
-from robot_model.effects.transmission import TransmissionHarmonic, ZeroShift
+from robot_model.effects.steps import Shift
+from robot_model.effects.transmission import TransmissionHarmonic
 from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.bench import bench_of
@@ -100,11 +101,12 @@ def test_a_fold_holds_a_term_by_its_name_or_by_what_is_confounded_with_it():
 
 
 def test_a_function_without_a_law_gives_way_to_a_law():
-    bench = bench_of(recorded(5, (ZeroShift("joint-2", 1210.0),), [1e-3], n=120))
+    step = [0.3, -0.2, 0.1, 4e-4, -3e-4, 2e-4]
+    bench = bench_of(recorded(5, (Shift("base", 1210.0),), step, n=120))
     search = Search(bench, None, 0.005, lambda line: None)
     search.solve()
-    smooth = (h for h in search.table(()) if h.smooth_covariates and h.where == "joint-2")
-    search.accepted = (next(h for h in smooth if h.smooth_covariates == ("time",)),)
+    smooth = (h for h in search.table(()) if h.smooth_covariates and h.where == "base")
+    search.accepted = (next(h for h in smooth if h.smooth_covariates[0].startswith("time")),)
     search.solve()
     exchange_terms(search)
-    assert search.accepted[0].key == ("zero-shift", "joint-2")
+    assert search.accepted[0].key == ("shift", "base")
