@@ -173,7 +173,7 @@ def missing_temperature(state, *names: str) -> str:
 
 
 def limit_expansion(effect, state, *names: str) -> None:
-    """State the sign and the limit of an effect that is a linear expansion; its size with time alone is open."""
+    """State the sign and the plausible limit of an effect that is a linear expansion; its size with time is open."""
     if not missing_temperature(state, *names):
         effect.nonnegative, effect.largest = 1, LARGEST_EXPANSION
 

@@ -105,7 +105,7 @@ class Effect:
         equation: Its law.
         source: Publication of the law.
         nonnegative: How many of its first parameters cannot be negative (a compliance).
-        largest: Value that its first parameter cannot exceed, in the unit of that; of effects with one parameter.
+        largest: Largest plausible value of its only parameter, in the unit of that; inf where nothing limits it.
         family: Name of the family of variants that it belongs to; its own name where empty.
         coexists: Whether several variants may act at one place (orders of a harmonic).
         subsumes: Names of effects that are special cases of this one.

@@ -20,6 +20,8 @@ from workbench.diagnosis.linear.problem import Located, Problem
 
 SMOOTH_LEVEL = 0.3
 """Share of the error level that the smooth nonparametric alternatives receive."""
+_TAIL = 2.0
+"""Power with which the prior of a parameter falls beyond its largest plausible value: a hundredth at ten times it."""
 
 
 @dataclass(frozen=True)
@@ -150,17 +152,19 @@ def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
 
 
 def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -> np.ndarray:
-    """(C,) what the evidence gains or loses by the limits of single parameters: log P(limits | data) / P(limits).
+    """(C,) what the evidence gains or loses by the limits of single parameters.
 
-    log 2 Phi(z) where it cannot be negative, z sigmas from 0; log Phi(z_most - z) where it has a largest value.
+    log 2 Phi(z) where it cannot be negative, z sigmas from 0. Beyond its largest value the prior falls with the power
+    `_TAIL` of the value: a part may warm by more than the thermometer of the recording.
     """
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
     gain = scores.gain / projected.design_effect
     variance = np.maximum(projected.yy - gain, 1e-300) / projected.degrees
     z = -np.sign(moments.score[:, 0]) * np.sqrt(gain / variance)
     information = np.maximum(moments.gram[:, 0, 0], 1e-300) / projected.design_effect
-    most = np.array([c.largest for c in chosen]) * np.sqrt(information / variance)
-    return np.where(only, np.log(2) + log_ndtr(z) + log_ndtr(most - z), 0.0)
+    size = np.sqrt(gain / information)  # in typical ones
+    beyond = np.log(np.maximum(size / np.array([c.largest for c in chosen]), 1.0))
+    return np.where(only, np.log(2) + log_ndtr(z) - _TAIL * beyond, 0.0)
 
 
 def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:

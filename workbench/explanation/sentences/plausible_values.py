@@ -43,7 +43,7 @@ def implausible_values(
         elif _is_no_expansion(row):
             found.append(
                 f"{row['label']} is {value_text}, and no material expands so (metals by 5 to 25 ppm/K): "
-                "another cause grows with the temperature"
+                "another cause grows with the temperature, or the part warms by more than the column states"
             )
         elif row.get("key") in compliances and value < -std:
             found.append(
