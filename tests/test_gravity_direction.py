@@ -1,6 +1,7 @@
 """An arm on a wall or a ceiling is recognised by its deflections; one on the floor, stiff or not, raises no alarm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from robot_model.measurements import samples_of
 from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.robot_files import gravity_direction
 from workbench.fitting.plausibility.robot_files.gravity_direction import CAUSE
 from workbench.jobs.robot.calibrate import calibrate
 
@@ -87,3 +89,36 @@ def test_a_negative_compliance_and_a_large_tilt_raise_an_alarm():
     tilt |= {"std": 0.02, "prior": 1.0}
     assert "no small tilt" in implausible_values([tilt | {"value": 0.3}], 0.7)[0]
     assert not implausible_values([tilt | {"value": 0.05}], 0.7)
+
+
+def few_deflections(seed: int):
+    """Two poses in each fold, and six joints that each deflect as under gravity of a direction of its own."""
+    rng = np.random.default_rng(seed)
+    loads, noise = rng.normal(size=(10, 2, 18)), rng.normal(size=(10, 2, 1))
+    sizes = rng.normal(size=(3, 6)) * rng.exponential(size=6) * 0.3
+    moved = noise + np.einsum("frik,ik->fr", loads.reshape(10, 2, 3, 6), sizes)[..., None]
+    rows = np.concatenate([moved, loads], 2)
+    forms = np.einsum("fri,frj->fij", rows, rows)
+    whole = forms.sum(0) + 1e-9 * np.eye(19)
+    return gravity_direction._Deflections(whole, np.stack([whole - f for f in forms]), forms / 2)
+
+
+def test_a_direction_that_the_held_out_poses_have_chosen_is_no_finding(monkeypatch):
+    """Directions in space are many: the best one for all poses predicts them well by chance, that of each fold not."""
+    robot = SimpleNamespace(gravity=np.array(FLOOR))
+    refused = 0
+    for seed in (81, 84, 91, 108):
+        made = few_deflections(seed)
+        monkeypatch.setattr(gravity_direction, "_deflections", lambda *given, made=made: made)
+        found = gravity_direction.find_gravity(robot, None, None)
+        best = gravity_direction._best_direction(made)
+        errors = [made.held_out(d) for d in (best, robot.gravity, np.zeros(3))]
+        looks_better = np.sqrt(errors[0].mean()) < 0.8 * min(np.sqrt(e.mean()) for e in errors[1:])
+        refused += found is None and looks_better
+        if found is not None and found.sigma_deg is not None:
+            assert found.held_out_mm > np.sqrt(
+                errors[0].mean()
+            )  # that of the folds' own directions
+            assert found.held_out_mm < 0.8 * np.sqrt(min(e.mean() for e in errors[1:]))
+            assert found.sigma_deg > 0
+    assert refused >= 2

@@ -51,24 +51,28 @@ class GravityDirection:
     """A direction of gravity, (3,) unit vector in the root frame, that predicts held-out samples better.
 
     `held_out_mm`: RMS position error of held-out samples with it; `stated_mm`: with that of the robot file.
+    `sigma_deg`: standard deviation of an estimated direction; None for an axis of the base.
     """
 
     direction: np.ndarray
     held_out_mm: float
     stated_mm: float
+    sigma_deg: float | None = None
 
 
 def gravity_suspicion(robot, found: GravityDirection) -> Suspicion:
     """The sentence on a direction of gravity that is not that of the robot file."""
     direction = tuple(round(float(c), 3) + 0.0 for c in found.direction)
     key = ", ".join(f"{c:g}" for c in direction)
-    estimated = " (estimated; a direction measured on the mount is better)"
+    estimated = ""
+    if found.sigma_deg is not None:
+        estimated = f" (estimated to {found.sigma_deg:.1g} deg; a direction measured on the mount is better)"
     sentence = (
         f"robot file of '{robot.name}', key gravity: the arm deflects as under gravity along "
         f"{direction_name(found.direction)} of its base, as if {_mount(found.direction)}: held-out samples are "
         f"predicted to {found.held_out_mm:.2g} mm, and to {found.stated_mm:.2g} mm with gravity along "
         f"{direction_name(robot.gravity)}, which the file states or leaves to the default; write gravity = [{key}]"
-        f"{estimated if _axis_of(found.direction) is None else ''} into the robot file, or check mass_kg and com_mm."
+        f"{estimated} into the robot file, or check mass_kg and com_mm."
     )
     use = f"gravity along {direction_name(found.direction)}"
     return Suspicion(sentence, False, CAUSE, robot_keys={"gravity": list(direction)}, use=use)
@@ -115,7 +119,20 @@ def find_gravity(robot, recording, fit: Fit) -> GravityDirection | None:
         return None
     if _rms(errors) > _TWO_SIGNS * _rms(deflections.held_out(best, is_signed=True)):
         return None  # springs or masses differ from the file: no direction makes all compliances positive
-    return GravityDirection(best, _rms(errors), _rms(stated))
+    if _axis_of(best) is not None:
+        return GravityDirection(best, _rms(errors), _rms(stated))
+    # any direction may be chosen, and the best for all samples has seen the held-out ones: each fold estimates its own
+    of_folds = [_estimated(form) for form in deflections.trained]
+    nested = deflections.held_out(of_folds)
+    if not (_is_better(nested, stated) and _is_better(nested, rigid)):
+        return None
+    return GravityDirection(best, _rms(nested), _rms(stated), _jackknife_deg(best, of_folds))
+
+
+def _jackknife_deg(direction: np.ndarray, of_folds: list[np.ndarray]) -> float:
+    """Standard deviation (deg) of a direction by the jackknife: `of_folds` are estimated without each fold."""
+    angles = np.array([_angle_deg(direction, other) for other in of_folds])
+    return float(np.sqrt((len(angles) - 1) / len(angles) * (angles**2).sum()))
 
 
 def _best_direction(deflections: "_Deflections") -> np.ndarray:
@@ -123,25 +140,25 @@ def _best_direction(deflections: "_Deflections") -> np.ndarray:
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     held_out = [deflections.held_out(axis) for axis in axes]
     best = int(np.argmin([_rms(errors) for errors in held_out]))
-    estimated = _estimated(deflections)
+    estimated = _estimated(deflections.whole)
     is_off = _angle_deg(estimated, axes[best]) > _OFF_AXIS_DEG
     if is_off and _is_significant(deflections.held_out(estimated), held_out[best]):
         return estimated
     return axes[best]
 
 
-def _estimated(deflections: "_Deflections") -> np.ndarray:
-    """(3,) unit vector of the least squares of all samples, from the best of 26 directions."""
+def _estimated(form: np.ndarray) -> np.ndarray:
+    """(3,) unit vector of the least squares, from the best of 26 directions; form: as of `_Deflections.whole`."""
     grid = [np.array(v, float) for v in product((-1, 0, 1), repeat=3) if any(v)]
     starts = [v / np.linalg.norm(v) for v in grid]
-    start = min(starts, key=deflections.squares)
+    start = min(starts, key=lambda direction: _squares(form, direction))
     across = np.linalg.svd(start[None])[2][1:]
 
     def at(tilt):
         rotated = start + tilt @ across
         return rotated / np.linalg.norm(rotated)
 
-    found = minimize(lambda tilt: deflections.squares(at(tilt)), np.zeros(2), method="Nelder-Mead")
+    found = minimize(lambda tilt: _squares(form, at(tilt)), np.zeros(2), method="Nelder-Mead")
     return at(found.x)
 
 
@@ -176,15 +193,20 @@ class _Deflections:
     trained: np.ndarray
     tested: np.ndarray
 
-    def squares(self, direction: np.ndarray) -> float:
-        """Weighted sum of squares of all samples with compliances that are not negative."""
-        move = _with_compliances(self.whole, direction, False)
-        return float(move @ self.whole @ move)
-
     def held_out(self, direction: np.ndarray, is_signed: bool = False) -> np.ndarray:
-        """(F,) mm^2 mean square position error of each fold; is_signed: compliances may be negative."""
-        moves = [_with_compliances(form, direction, is_signed) for form in self.trained]
+        """(F,) mm^2 mean square position error of each fold; is_signed: compliances may be negative.
+
+        direction: (3,) of all folds, or (F, 3) of each.
+        """
+        directions = np.broadcast_to(direction, (len(self.trained), 3))
+        moves = [_with_compliances(*pair, is_signed) for pair in zip(self.trained, directions)]
         return np.array([move @ form @ move for move, form in zip(moves, self.tested)])
+
+
+def _squares(form: np.ndarray, direction: np.ndarray) -> float:
+    """Weighted sum of squares with compliances that are not negative."""
+    move = _with_compliances(form, direction, False)
+    return float(move @ form @ move)
 
 
 def _with_compliances(form: np.ndarray, direction: np.ndarray, is_signed: bool) -> np.ndarray:
