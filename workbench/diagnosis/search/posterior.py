@@ -218,6 +218,9 @@ def exchange_terms(search) -> None:
     """Exchange what is accepted for what is likelier once variants, and sets of elastic terms, are summed over."""
     _exchange_laws(search)
     _exchange_elastic(search)
+    if any(h.effect == TransmissionHarmonic.effect and is_elastic(h) for h in search.accepted):
+        # sets of elastic terms exchange a curve for the wave that is one of them
+        _exchange_laws(search)
     accept_constant_loads(search)
     prefer_stated_masses(search)
     # a prediction does not depend on the last digits of an order
