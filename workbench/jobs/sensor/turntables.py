@@ -19,8 +19,16 @@ def turntable_of(camera, calibration: ScannerCalibration, progress) -> Turntable
     if not views:
         return None
     progress(f"turntable from {len(views)} images")
-    place = {name: k for k, name in enumerate(calibration.placements)}
-    poses = pose_matrices(calibration.poses[[place[view.placement] for view in views]])
+    known_poses = dict(zip(calibration.placements, pose_matrices(calibration.poses)))
+    # a view without a name of its placement has no pose of the scanner's calibration, which is only a start here
+    poses = np.array(
+        [
+            known_poses[view.placement]
+            if view.placement in known_poses
+            else _pose_of_view(view, camera.board.points, calibration.camera)
+            for view in views
+        ]
+    )
     angles = np.deg2rad([view.row["table_deg"] for view in views])
     known = calibration.camera
     size = len(known.values)
@@ -39,21 +47,21 @@ def turntable_of_images(recording, progress) -> TurntableCalibration | None:
     progress("the turntable")
     calibration = cameras.calibrate(recording, "brown", progress).calibration
     views = [view for view in calibration.views if "table_deg" in view.row]
-    poses = [
-        board_poses(
-            calibration.board.points[:, view.index],
-            view.pixels,
-            np.zeros(len(view.index), int),
-            calibration.camera,
-        )[0]
-        for view in views
-    ]
+    points = calibration.board.points
+    poses = [_pose_of_view(view, points, calibration.camera) for view in views]
     angles = np.deg2rad([view.row["table_deg"] for view in views])
     size = len(calibration.camera.values)
     covariance = calibration.covariance[:size, :size]
     return calibrate_turntable(
         views, calibration.board.points, calibration.camera, np.array(poses), angles, covariance
     )
+
+
+def _pose_of_view(view, points: np.ndarray, camera) -> np.ndarray:
+    """(4, 4) T_camera_board, mm, from the corners of one view alone; points (3, c) mm of the board."""
+    return board_poses(points[:, view.index], view.pixels, np.zeros(len(view.index), int), camera)[
+        0
+    ]
 
 
 def turntable_json(turntable: TurntableCalibration | None) -> dict | None:
