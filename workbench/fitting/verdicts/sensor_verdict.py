@@ -421,7 +421,9 @@ def _other_radii(sums: BallSums) -> list[str]:
     count = sums.tested + sums.untested
     return [
         f"{DOUBT_WORDS}: the radius of {radii.count} of {count} balls differs from the stated one ({radii.sentence}): "
-        "correct the radius in artefact.csv, or look for light that enters the surface (`workbench diagnose`)"
+        "compare with other scans of the same ball; if they agree, correct the radius in artefact.csv, calibrate the "
+        "scanner again, or look for light that enters the surface (`workbench diagnose`); if single scans differ, "
+        "check the poses of a moved sensor"
     ]
 
 
