@@ -7,12 +7,17 @@ import numpy as np
 from robot_model.chain import Frames, cross
 from robot_model.measurements.ball_centre import BallCentre
 from robot_model.measurements.closure import Closure, add_delta, numbered, position_sigma
+from robot_model.measurements.multistart import RotationSystem
 from robot_model.poses import pose_parameters
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
-from workbench.core.rigid import left_jacobian, rotation_matrix
+from workbench.core.profiler_start import signed_centres
+from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 
 _STEPS = 30
+_FEWEST = 4
+_LEAST_THICKNESS = 1e-3  # mm, RMS distance of points of a profile from a line
+_LARGEST_SECTION = 1.1  # over the ball's radius
 
 
 @dataclass(frozen=True)
@@ -99,30 +104,65 @@ class BallSurface:
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """A ball fitted to the points of each static pose; then as for ball centres."""
-        pairs, first, group = np.unique(
+        """A ball fitted to the points of each static pose; then as for ball centres.
+
+        Profiles (y = 0 in every row) show circles: the nominal robot says on which side of the light plane the ball is.
+        """
+        centres, at_scans = self._centres(frames)
+        return centres.start(at_scans)
+
+    def system(self, frames: Frames) -> RotationSystem:
+        """Equations of base and tool for the centres of the balls, quickly found: for many hypotheses."""
+        centres, at_scans = self._centres(frames, is_quick=True)
+        return centres.system(at_scans)
+
+    def _centres(self, frames: Frames, is_quick: bool = False) -> tuple[BallCentre, Frames]:
+        """Centres of the balls in each static pose that determines them, and the frames of these poses."""
+        pairs, first, scan = np.unique(
             np.stack([self.pose_id, self.index]), axis=1, return_index=True, return_inverse=True
         )
-        centres = np.full((3, pairs.shape[1]), np.nan)
-        for k in range(pairs.shape[1]):
-            mine = self.measured[:, group.ravel() == k]
-            centres[:, k] = _centre(mine, self.balls[pairs[1, k], 3])
+        scan, ball = scan.ravel(), pairs[1]
+        if (self.measured[1] == 0).all():
+            centres = self._centres_of_profiles(scan, ball, _at(frames, first), is_quick)
+        else:
+            radii = self.balls[ball, 3]
+            order = np.argsort(scan, kind="stable")
+            ends = np.cumsum(np.bincount(scan))[:-1]
+            parts = np.split(self.measured[:, order], ends, axis=1)
+            fitted = [_centre(part, radius) for part, radius in zip(parts, radii)]
+            centres = np.stack(fitted, axis=1)
         usable = np.isfinite(centres[0])
-        if usable.sum() < 4:
+        if usable.sum() < _FEWEST:
             raise InputError(
-                f"ball-surface: expected at least 4 poses with 4 points of a ball that are not in one plane, found "
-                f"{usable.sum()}; measure more points a pose, or find the hand-eye with `workbench handeye` first"
+                "ball-surface: expected at least 4 poses with 4 points of a ball that are not in one plane, or with "
+                f"profiles (y_mm = 0) of a circle, found {usable.sum()}; measure more points a pose"
             )
-        rows = first[usable]
-        ball = self.index[first[usable]]
-        seen = np.unique(ball)
+        seen = np.unique(ball[usable])
         centre = BallCentre(
             centres[:, usable],
-            np.searchsorted(seen, ball),
+            np.searchsorted(seen, ball[usable]),
             tuple(np.asarray(self.ids)[seen].tolist()),
             self.balls[seen, :3],
         )
-        return centre.start(_at(frames, rows))
+        return centre, _at(frames, first[usable])
+
+    def _centres_of_profiles(self, scan, ball, frames: Frames, is_quick: bool) -> np.ndarray:
+        """(3, P) mm, nan where the points of a profile determine no circle; scan (n,) profile of each point, ball (P,)
+        index of each one's ball."""
+        circles = _circles(self.measured[[0, 2]], scan, len(ball))
+        # a section can be no larger than its ball, but for noise
+        round_ones = np.isfinite(circles[0]) & (circles[2] < _LARGEST_SECTION * self.balls[ball, 3])
+        centres = np.full((3, len(ball)), np.nan)
+        if round_ones.sum() >= _FEWEST:
+            flange = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+            centres[:, round_ones] = signed_centres(
+                circles[:, round_ones],
+                ball[round_ones],
+                flange[round_ones],
+                self.balls[:, 3],
+                is_quick,
+            )
+        return centres
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """A distance from a surface moves no coordinate by itself: the measured point as it was."""
@@ -141,6 +181,29 @@ def _centre(points, radius):
         far = np.linalg.norm(out, axis=0)
         centre = centre + np.linalg.lstsq((out / far).T, far - radius, rcond=None)[0]
     return centre
+
+
+def _circles(flat, label, count) -> np.ndarray:
+    """(3, count) mm: x, z and radius of the circle through the points (2, n) of each label, nan where they do not say.
+
+    Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8: linear, as good as a start needs to be.
+    """
+    number = np.bincount(label, minlength=count)
+    middle = np.stack([np.bincount(label, row, count) / number for row in flat])
+    x, z = flat - middle[:, label]
+    rows = (x, z, np.ones_like(x))
+    square = (x**2 + z**2) / 2
+    normal = np.array([[np.bincount(label, p * q, count) for q in rows] for p in rows])
+    right = np.array([np.bincount(label, p * square, count) for p in rows])
+    normal, right = normal.transpose(2, 0, 1), right.T
+    # points on one line, or fewer than four, determine no circle
+    thickness = np.linalg.eigvalsh(normal[:, :2, :2] / number[:, None, None])[:, 0]
+    is_round = (number >= _FEWEST) & (thickness > _LEAST_THICKNESS**2)
+    found = np.full((count, 3), np.nan)
+    a, c, level = np.linalg.solve(normal[is_round], right[is_round][..., None])[..., 0].T
+    found[is_round] = np.stack([a, c, np.sqrt(np.maximum(2 * level + a**2 + c**2, 0.0))], axis=1)
+    found[:, :2] += middle.T
+    return found.T
 
 
 def _at(frames: Frames, rows) -> Frames:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.hand_eye.poses import checked_flange
-from sensors.hand_eye.profiles_start import start_rotations
 from sensors.hand_eye.result import HandEye, PoseRow, placement
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.core.parameters import Parameter, Parameters
+from workbench.core.profiler_start import start_rotations
 from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
 
 _LEAST = 4

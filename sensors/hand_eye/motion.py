@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.hand_eye.checks.mistakes import pose_readings
-from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.start import STILL
 from workbench.core.least_squares.linear_algebra import thin_svd
+from workbench.core.profiler_start import find_start
 from workbench.core.rigid import inverse, rotation_vector, transform
 
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five

@@ -13,10 +13,10 @@ from sensors.hand_eye.chain import BallChain
 from sensors.hand_eye.circles import Circles, find_circles
 from sensors.hand_eye.motion import motion, profile_suspicions
 from sensors.hand_eye.poses import checked_flange
-from sensors.hand_eye.profiles_start import find_start
 from sensors.hand_eye.result import HandEye, held_row, of_block, placement, rms
 from sensors.hand_eye.uncertainty.parameter_covariance import parameter_covariance
 from workbench.core.errors import InputError
+from workbench.core.profiler_start import find_start
 
 _LEAST = 4
 _ALIKE = 1.2  # another hand-eye whose circles fit hardly worse is as good an answer

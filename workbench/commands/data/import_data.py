@@ -288,6 +288,6 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
             "it with --map."
         )
     answer.deliver(summary, json)
-    for line in import_dialogue.next_lines(result, sources, out):
+    for line in import_dialogue.next_lines(result, sources, out, options):
         console.print(line, markup=False, soft_wrap=True)
     console.print(str(out), markup=False, soft_wrap=True)

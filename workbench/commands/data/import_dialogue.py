@@ -56,16 +56,20 @@ def next_command(recording, folder: Path) -> str:
     return shlex.join(["workbench", name, str(folder), "--out", target])
 
 
-def next_lines(result, sources: Sequence[Path], folder: Path) -> list[str]:
-    """Next actions: first those that the warnings require, then the command that calibrates."""
+def next_lines(result, sources: Sequence[Path], folder: Path, options) -> list[str]:
+    """Next actions: first those that the warnings require, then the command that calibrates.
+
+    options: `ImportOptions`.
+    """
     command = next_command(result.recording, folder)
     if not result.doubts:
         return [f"Next: {command}"]
     count = len(result.doubts)
     warned = "the warning" if count == 1 else f"each of the {count} warnings"
-    again = shlex.join(
-        ["workbench", "import", *map(str, sources), "--map", str(folder / "import.toml")]
-    )
+    from workbench.recordings.importing.chain import repeated_options
+
+    same_options = repeated_options(options, folder / "import.toml")
+    again = shlex.join(["workbench", "import", *map(str, sources), *same_options])
     return [
         f"First: do what {warned} above asks for, and repeat the import "
         f"({again} --out NEW-DIR), or make sure that the data are right. `workbench check {folder}` shows them.",

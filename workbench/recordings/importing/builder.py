@@ -98,6 +98,9 @@ class Builder:
         if mapping.measures == "ball-centre":
             columns.setdefault("ball", np.ones(table.n))
             balls = balls or {int(columns["ball"][0]): (0.0, 0.0, 0.0, 10.0)}
+        if mapping.measures == "ball-surface" and self.options.ball_radius_mm is not None:
+            columns.setdefault("ball", np.ones(table.n))
+            balls = {int(columns["ball"][0]): (0.0, 0.0, 0.0, self.options.ball_radius_mm)}
         return Recording(
             measures=mapping.measures,
             columns=columns,

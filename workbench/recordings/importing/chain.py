@@ -1,5 +1,6 @@
 """The whole import: what was found in the sources, decisions, recording, and its check."""
 
+import shlex
 import shutil
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Keys
@@ -22,7 +23,12 @@ from workbench.core.errors import InputError
 from workbench.core.robot_files.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
 from workbench.recordings.importing.ball_scans.centre_tables import import_centres
-from workbench.recordings.importing.ball_scans.surface_scans import import_scans, is_scan
+from workbench.recordings.importing.ball_scans.profile_tables import import_profiles
+from workbench.recordings.importing.ball_scans.surface_scans import (
+    import_scans,
+    is_profile_file,
+    is_scan,
+)
 from workbench.recordings.importing.board_images.board_poses import import_images
 from workbench.recordings.importing.board_images.image_rows import file_link
 from workbench.recordings.importing.final_check import LARGE_ERRORS
@@ -127,7 +133,7 @@ def import_recording(
         read = _read_back(folder, options.trust_data)
     comment = (
         "# Mapping of this import. Repeat it with\n"
-        f"#   workbench import {_names(paths)} --map {MAPPING_FILE} --out DIR\n"
+        f"#   workbench import {_names(paths)} {shlex.join(repeated_options(options))} --out DIR\n"
     )
     write_mapping(_movable(built.mapping, folder), folder / MAPPING_FILE, comment)
     called = found.called
@@ -187,17 +193,23 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
         return found, import_scans(found, options, progress)
     if options.ball_radius_mm is not None and not found.source.clouds:
         raise _without_clouds(found, options.ball_radius_mm)
+    if found.source.clouds and is_profile_file(found.source.clouds[0]):
+        return found, import_profiles(found, options, progress)
     if found.source.clouds:
-        found = with_ball_centres(found, options, progress)
-    targets = import_target_poses(found, options, progress)
-    if targets is not None:
-        return found, targets
-    centres = import_centres(found, options, progress)
-    if centres is not None:
-        return found, centres
+        found, doubts = with_ball_centres(found, options, progress)
+        return found, _made_of_table(found, options, progress).with_doubts(doubts)
+    return found, _made_of_table(found, options, progress)
+
+
+def _made_of_table(found: Found, options, progress) -> Made:
+    """The recording of tables alone. Raises InputError."""
+    for make in (import_target_poses, import_centres):
+        made = make(found, options, progress)
+        if made is not None:
+            return made
     if found.sessions:
-        return found, import_sessions(found, options, progress)
-    return found, import_table(found, options, progress)
+        return import_sessions(found, options, progress)
+    return import_table(found, options, progress)
 
 
 def _check_clock(built: Made, trust_data: bool) -> None:
@@ -216,6 +228,18 @@ def _without_clouds(found: Found, radius: float) -> InputError:
         f"--ball-radius {radius:g}: expected clouds or profiles of the ball, found only tables ({files}); write each "
         "scan into a file of its own (.ply, .pcd, .xyz, .asc, or text with the columns x and z), and name their folder."
     )
+
+
+def repeated_options(options: ImportOptions, mapping_file: Path | str = MAPPING_FILE) -> list[str]:
+    """Words of a command that repeats an import: the mapping, and what a mapping does not hold."""
+    words = ["--map", str(mapping_file)]
+    if options.ball_radius_mm is not None:
+        words += ["--ball-radius", f"{options.ball_radius_mm:g}"]
+    if options.sigma_mm is not None:
+        words += ["--sigma", f"{options.sigma_mm:g}"]
+    if options.artefact is not None:
+        words += ["--artefact", str(options.artefact)]
+    return words
 
 
 @contextmanager

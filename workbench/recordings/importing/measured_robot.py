@@ -67,6 +67,11 @@ class Made:
     clocks: ClockDecision | None = None
     doubts: tuple[str, ...] = ()
 
+    def with_doubts(self, doubts: tuple[str, ...]) -> "Made":
+        """The same with further doubts, which come first."""
+        warnings = tuple(dict.fromkeys((*doubts, *self.warnings)))
+        return replace(self, warnings=warnings, doubts=(*doubts, *self.doubts))
+
 
 @dataclass(frozen=True)
 class DecidedTable:

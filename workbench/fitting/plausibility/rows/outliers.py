@@ -66,7 +66,7 @@ def find_outliers(robot, recording, fit, floor: float, far: float = FAR) -> Outl
     """
     mismatch = row_mismatch(robot, recording, fit)
     median = float(np.median(mismatch))
-    is_far = mismatch > far * median
+    is_far = mismatch > far * median * _stated_uncertainty(recording)
     rows = np.flatnonzero(is_far & (mismatch > floor))
     is_small = not len(rows)
     if is_small and fit.degrees >= _LEAST_SPARE_DEGREES:
@@ -76,6 +76,17 @@ def find_outliers(robot, recording, fit, floor: float, far: float = FAR) -> Outl
     if not len(rows):
         return None
     return Outliers(rows, mismatch, median, is_small)
+
+
+def _stated_uncertainty(recording) -> np.ndarray | float:
+    """(n,) stated sigma of a row over its median, at least 1: rows that are stated to be less certain may be off more.
+
+    1 where all rows have one sigma, or none.
+    """
+    stated = recording.sigma
+    if stated is None or not np.median(stated) > 0:
+        return 1.0
+    return np.maximum(stated / np.median(stated), 1.0)
 
 
 def _is_isolated(mismatch: np.ndarray) -> np.ndarray:

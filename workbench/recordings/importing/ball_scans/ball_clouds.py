@@ -16,8 +16,9 @@ from datasets.importers.sources.clouds import read_cloud
 from datasets.importers.units import LENGTHS
 from sensors.ball.search import find_balls
 from workbench.core.errors import InputError
+from workbench.recordings.importing.ball_scans.scan_review import radius_doubt
 
-_MOST_POINTS = 60_000
+_MOST_POINTS, _KEPT_POINTS = 60_000, 600
 _UNITS = ("mm", "m", "in")
 _NAMES = ("ball centre x", "ball centre y", "ball centre z")
 _SIGMA = "ball centre sigma"
@@ -25,29 +26,20 @@ _FEWEST = 4
 
 
 def with_ball_centres(found, options, progress):
-    """The same find with the ball's centre of each cloud as columns of the table.
+    """The same find with the ball's centre of each cloud as columns of the table, and sentences on a wrong radius.
 
     Raises InputError where the radius is not stated, clouds and rows do not correspond, or a cloud shows no ball.
     """
-    if options.ball_radius_mm is None:
-        raise InputError(
-            f"{found.source.clouds[0].name}: expected the certified radius of the ball, which decides the unit of the "
-            "clouds, found none; add --ball-radius MM."
-        )
-    if found.table is None:
-        raise InputError(
-            f"{found.source.clouds[0].name}: expected a table with the joint readings of each cloud, found none; name "
-            "it as well."
-        )
-    table, clouds, said = matched_clouds(found.table, found.source.clouds)
+    table, clouds, said = joint_scans(found, options)
     unit = cloud_unit(clouds, options.ball_radius_mm)
-    centres, sigmas, rows_with_balls, failed = [], [], [], []
+    centres, sigmas, rows_with_balls, failed, surfaces = [], [], [], [], []
     for row, path in enumerate(clouds):
         progress(f"finding the ball in {path.name}")
-        ball = ball_in_cloud(path, unit, options.ball_radius_mm)
+        ball, points = ball_in_cloud(path, unit, options.ball_radius_mm)
         if ball is None:
             failed.append(path.name)
             continue
+        surfaces.append(thinned(points[:, ball.inliers]))
         centres.append(ball.centre)
         sigmas.append(float(np.sqrt(np.trace(ball.covariance[:3, :3]) / 3)))
         rows_with_balls.append(row)
@@ -61,9 +53,26 @@ def with_ball_centres(found, options, progress):
             *said,
             f"No ball of radius {options.ball_radius_mm:g} mm in {', '.join(failed[:5])}; left out.",
         )
-    return _extended(
-        found, table.take(np.array(rows_with_balls)), np.array(centres), np.array(sigmas), said
-    )
+    table = table.take(np.array(rows_with_balls))
+    doubt = radius_doubt(surfaces, options.ball_radius_mm)
+    doubts = () if doubt is None else (f"{table.file}: {doubt}.",)
+    return _extended(found, table, np.array(centres), np.array(sigmas), said), doubts
+
+
+def joint_scans(found, options):
+    """Rows with a scan, the files of these rows, and sentences on rows without one. Raises InputError where the radius
+    or the table is missing, or rows and files do not correspond."""
+    if options.ball_radius_mm is None:
+        raise InputError(
+            f"{found.source.clouds[0].name}: expected the certified radius of the ball, which decides the unit of the "
+            "clouds, found none; add --ball-radius MM."
+        )
+    if found.table is None:
+        raise InputError(
+            f"{found.source.clouds[0].name}: expected a table with the joint readings of each cloud, found none; name "
+            "it as well."
+        )
+    return matched_clouds(found.table, found.source.clouds)
 
 
 def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, said):
@@ -106,7 +115,8 @@ def cloud_unit(clouds: Sequence[Path], radius: float) -> str:
     """The unit in which most of the first clouds show a ball of the radius. Raises InputError where none does."""
     some = clouds[: min(3, len(clouds))]
     found = {
-        unit: sum(ball_in_cloud(path, unit, radius) is not None for path in some) for unit in _UNITS
+        unit: sum(ball_in_cloud(path, unit, radius)[0] is not None for path in some)
+        for unit in _UNITS
     }
     best = max(found, key=found.get)
     if not found[best]:
@@ -118,13 +128,19 @@ def cloud_unit(clouds: Sequence[Path], radius: float) -> str:
 
 
 def ball_in_cloud(path: Path, unit: str, radius: float):
-    """The ball with most points in a cloud, None where there is none."""
+    """The ball with most points in a cloud, None where there is none, and the points (3, n) mm."""
     points = LENGTHS[unit] * read_cloud(path, _MOST_POINTS).T
     if np.ptp(points, axis=1).max() < radius / 2:
-        return None  # too small to show a ball of this radius: another unit
+        return None, points  # too small to show a ball of this radius: another unit
     view = points.mean(1) if np.linalg.norm(points.mean(1)) > radius else np.array([0.0, 0.0, 1.0])
     try:
         balls = find_balls(points, [radius], view=view / np.linalg.norm(view))
     except InputError:
-        return None
-    return balls[0] if balls else None
+        return None, points
+    return (balls[0] if balls else None), points
+
+
+def thinned(points: np.ndarray) -> np.ndarray:
+    """At most 600 of the points (3, n), evenly."""
+    count = points.shape[1]
+    return points[:, np.linspace(0, count - 1, min(count, _KEPT_POINTS)).astype(int)]

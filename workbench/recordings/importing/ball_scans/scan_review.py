@@ -12,15 +12,17 @@ import numpy as np
 from sensors.ball.fit import fit_ball
 from sensors.hand_eye.centres import Centres, hand_eye_from_centres
 from sensors.hand_eye.motion import motion
-from sensors.hand_eye.profiles_start import circle_distances, find_start
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
+from workbench.core.profiler_start import circle_distances, find_start
 
 _OUTLYING = 5.0
 _LEAST_MM = 0.5  # less is what an arm that was never calibrated makes
 _MOST_OFF_SHARE = 0.25
-_SIGMAS, _LEAST_SHARE = 4.0, 0.005
-"""A radius of the clouds differs from the stated one beyond both."""
+_SIGMAS, _LEAST_SHARE, _LEAST_SHARE_OF_CLOUDS = 4.0, 0.005, 0.001
+"""A radius differs from the stated one beyond the sigmas and the share of it; that of profiles depends on the arm's
+errors, that of clouds on the sensor alone."""
+_ACCURATE_SHARE = 0.05  # of the radius: misfit of profiles that still say a radius
 _NAMED = 6
 _SWEEPS = 4
 _VALLEYS, _STEPS = 4, 40  # of the start of a profiler
@@ -118,7 +120,7 @@ def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
     middle = float(np.median(found))
     spread = MEDIAN_TO_SIGMA * float(np.median(np.abs(np.array(found) - middle)))
     sigma = spread / np.sqrt(len(found))
-    if abs(middle - stated) < max(_SIGMAS * sigma, _LEAST_SHARE * stated):
+    if abs(middle - stated) < max(_SIGMAS * sigma, _LEAST_SHARE_OF_CLOUDS * stated):
         return None
     return (
         f"the clouds show a ball of radius {middle:.4g} mm (standard deviation {sigma:.2g} mm), and --ball-radius "
@@ -145,6 +147,8 @@ def profile_radius_doubt(scans: Scans) -> str | None:
     fall = (stated.rms**2 - free.rms**2) * kept.seen.size
     radius = float(free.values[9])
     away = abs(radius - scans.radius)
+    if free.rms > _ACCURATE_SHARE * scans.radius:
+        return None  # the poses of this arm are too inaccurate to tell
     if fall < _SIGMAS**2 * variance or away < _LEAST_SHARE * scans.radius:
         return None
     return (

@@ -15,9 +15,13 @@ from datasets.importers.sources.clouds import is_profile as has_profile
 from datasets.importers.units import LENGTHS
 from datasets.recording import Recording
 from sensors.ball.search import find_balls
-from sensors.hand_eye.circles import find_circles
+from sensors.hand_eye.circles import Circles, find_circles
 from workbench.core.errors import InputError
-from workbench.recordings.importing.ball_scans.ball_clouds import cloud_unit, matched_clouds
+from workbench.recordings.importing.ball_scans.ball_clouds import (
+    cloud_unit,
+    matched_clouds,
+    thinned,
+)
 from workbench.recordings.importing.ball_scans.scan_review import (
     Scans,
     pose_doubts,
@@ -36,7 +40,7 @@ from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.measured_robot import Made
 
 _FEWEST = 5
-_MOST_POINTS, _KEPT_POINTS, _TESTED_POSES = 60_000, 600, 20
+_MOST_POINTS, _TESTED_POSES = 60_000, 20
 _UNITS = ("mm", "m", "in", "um")
 _GOOD_MM, _GOOD_SHARE = 2.0, 0.1  # of the ball's radius
 _LARGEST_CIRCLE = 1.1  # over the ball's radius
@@ -73,7 +77,7 @@ def import_scans(found, options, progress) -> Made:
         raise InputError(f"{dropped[0]} Remove their files or complete the rows.")
     is_profile = is_profile_file(files[0])
     progress("finding the ball in every file")
-    points = _profiles(files, radius) if is_profile else _clouds(files, radius)
+    points = read_profiles(files, radius) if is_profile else _clouds(files, radius)
     if len(points) < _FEWEST:
         raise InputError(
             f"{first}: expected a ball in {_FEWEST} files or more, found {len(points)}; add poses."
@@ -126,7 +130,7 @@ def _decided(found, rows, scans: Scans, options, progress):
 def _seen(points, radius: float, is_profile: bool) -> np.ndarray:
     """(3, P) mm: x, z and radius of the circle of each profile, or the ball's centre in each cloud."""
     if is_profile:
-        circles = _circles(points, radius)
+        circles = profile_circles(points, radius)
         return np.concatenate([circles.centre, [circles.radius]])
     return np.stack([_centre(part, radius) for part in points], axis=1)
 
@@ -151,11 +155,6 @@ def _recording(rows, mapping, points, radius, options) -> Recording:
     )
 
 
-def _thinned(points: np.ndarray) -> np.ndarray:
-    count = points.shape[1]
-    return points[:, np.linspace(0, count - 1, min(count, _KEPT_POINTS)).astype(int)]
-
-
 def _clouds(files, radius) -> list[np.ndarray]:
     """(3, k) mm on the ball of every cloud. Raises InputError."""
     scale = LENGTHS[cloud_unit(files, radius)]
@@ -170,16 +169,16 @@ def _clouds(files, radius) -> list[np.ndarray]:
                 f"{path.name}: expected a ball of radius {radius:g} mm, found none; scan it again, or remove the file "
                 "and its row."
             )
-        clouds.append(_thinned(points[:, balls[0].inliers]))
+        clouds.append(thinned(points[:, balls[0].inliers]))
     return clouds
 
 
-def _profiles(files, radius) -> list[np.ndarray]:
+def read_profiles(files, radius: float) -> list[np.ndarray]:
     """(3, k) mm of every profile, in the unit under which they show sections of the ball. Raises InputError."""
     raw = [read_cloud(path, _MOST_POINTS).T for path in files]
     possible = []
     for unit in _UNITS:
-        scaled = [LENGTHS[unit] * _thinned(part) for part in raw]
+        scaled = [LENGTHS[unit] * thinned(part) for part in raw]
         share = _share_of_sections(scaled, radius)
         if share > 0.5:
             possible.append((share, unit, scaled))
@@ -194,7 +193,7 @@ def _profiles(files, radius) -> list[np.ndarray]:
 def _share_of_sections(profiles, radius) -> float:
     """Share of the profiles whose circle has a radius that a section of the ball can have, largest near the ball's."""
     try:
-        circles = _circles(profiles, _LARGEST_CIRCLE * radius)
+        circles = profile_circles(profiles, _LARGEST_CIRCLE * radius)
     except (InputError, np.linalg.LinAlgError):
         return 0.0
     fits = (circles.radius < _LARGEST_CIRCLE * radius) & (
@@ -203,7 +202,8 @@ def _share_of_sections(profiles, radius) -> float:
     return float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean())
 
 
-def _circles(profiles, largest):
+def profile_circles(profiles, largest: float) -> Circles:
+    """The circle of each profile (3, k) mm, with a radius of `largest` at most. Raises InputError as `find_circles`."""
     label = np.repeat(np.arange(len(profiles)), [part.shape[1] for part in profiles])
     names = [f"profile {k + 1}" for k in range(len(profiles))]
     return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, names, largest)
