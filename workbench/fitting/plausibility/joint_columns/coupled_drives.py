@@ -61,7 +61,7 @@ def coupled_drives(robot, recording, fit: Fit) -> Suspicion | None:
         for combination in _combinations(open_joints)
     ]
     evidence, combination = max(others, key=lambda pair: pair[0])
-    if evidence < alone + _LOG_ODDS:
+    if not np.isfinite(alone) or evidence < alone + _LOG_ODDS:
         return None
     return _suspicion(keys, combination, evidence - alone)
 
@@ -132,7 +132,7 @@ class _Data:
         return cls(recording, parameters, weights, prior, involved)
 
     def evidence(self, robot) -> float:
-        """Log evidence of the usual effects at the drives of an arm, up to a constant.
+        """Log evidence of the usual effects at the drives of an arm, up to a constant; -inf for too few coordinates.
 
         Normal priors of the parameters, and the noise variance integrated out with Jeffreys' prior: Bishop, Pattern
         Recognition and Machine Learning, sect. 3.5, with the marginal of Student's t distribution. The common size of
@@ -148,7 +148,7 @@ class _Data:
         y = (residual * self.weights).ravel()
         columns = (rows * self.weights).reshape(len(rows), -1)
         if len(columns) > _MOST_PARAMETERS * len(y):
-            return 0.0
+            return -np.inf
         added = [p for p, is_extra in zip(free.table, extra) if is_extra]
         typical = np.array([p.typical for p in added])
         is_here = np.isin([p.key.partition(".")[0] for p in added], list(self.involved))
