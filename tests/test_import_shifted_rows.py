@@ -41,7 +41,8 @@ def test_the_row_where_a_shift_begins_is_named(at, missing, words, unit, truth, 
 
 def test_the_advice_on_another_zero_states_the_unit():
     """The column of the user may be in gon."""
+    from robot_model import load_robot
     from workbench.fitting.plausibility.hypotheses.joint_corrections import _offsets
 
-    remedies = [correction.remedy for correction in _offsets(["q2_deg"])]
+    remedies = [correction.remedy for correction in _offsets(load_robot("ur5"), ["q2_deg"])]
     assert any(text.startswith("add -90 degrees (-100 gon) to it") for text in remedies)

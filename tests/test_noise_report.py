@@ -295,7 +295,7 @@ def test_too_few_poses_do_not_agree_with_the_noise():
 
 
 def test_too_few_poses_are_named_without_a_stated_noise():
-    made = geometry_of(replace(recorded(3, n=9), sigma_mm=None))
+    made = geometry_of(replace(recorded(3, n=12), sigma_mm=None))
     assert made.noise.findings.stated is None
     assert "too few poses" in calibration_verdict(made.held_out, made.noise).sentence
 

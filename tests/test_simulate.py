@@ -404,6 +404,6 @@ def test_a_load_is_a_torque_for_compliance_to_act_on(tmp_path, more, effects):
 def test_balls_are_looked_at_by_distal_arms_that_turn(tmp_path, arm):
     (tmp_path / "arm.toml").write_text(tomli_w.dumps(arm))
     with pytest.raises(
-        InputError, match="key robot: a ball-centre scene needs an arm in the distal convention"
+        InputError, match="key robot: a ball-centre scene needs an arm in the standard convention"
     ):
         simulate(written(tmp_path, SCANNER | {"robot": "arm.toml"}))

@@ -17,8 +17,9 @@ def term_sizes(model: Model, parameters: Parameters, name_of) -> list[dict]:
     `rms_mm`: RMS 3-D change of the predicted measurement without the term, all others at their values, after a
     linear fit of base and tool to this change. name_of: effect -> its name in the catalogue.
     """
-    step = -(-model.chain.n // _MOST_SAMPLES)
-    some = model.at(np.arange(0, model.chain.n, step))
+    samples = model.chain.n // model.chain.poses_per_sample
+    step = -(-samples // _MOST_SAMPLES)
+    some = model.at(np.arange(0, samples, step))
     predicted = some.residual(parameters)[:3]
     frames = _frame_rows(some, parameters)
     rows = []

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import rankdata
 
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
@@ -105,11 +104,16 @@ def _sorted_by(chain) -> int | None:
     """The joint by which the rows are sorted where no time says in which order they were measured; else None."""
     if "time_s" in chain.state.covariates:
         return None
-    order = rankdata(chain.state.covariates["row"])
+    order = _ranks(chain.state.covariates["row"])
     for joint, readings in enumerate(chain.state.drive_angles, 1):
-        if np.ptp(readings) > 0 and abs(np.corrcoef(order, rankdata(readings))[0, 1]) > _SORTED:
+        if np.ptp(readings) > 0 and abs(np.corrcoef(order, _ranks(readings))[0, 1]) > _SORTED:
             return joint
     return None
+
+
+def _ranks(values: np.ndarray) -> np.ndarray:
+    """(n,) place of each value among the different ones, equal values alike; scipy.stats takes long to load."""
+    return np.unique(values, return_inverse=True)[1].astype(float)
 
 
 def _check_enough(moving) -> None:
