@@ -58,6 +58,7 @@ _SORTED_ROWS = (
     "No time was recorded, and the rows are sorted by the reading of joint {joint}: a drift or a step in the order "
     "of the rows may be an error of this joint. Add the column time_s, or give the rows in the order of measurement."
 )
+_ROUNDING = 1e-9  # of the largest torque or moment
 _SORTED = 0.98
 """Rank correlation of a joint's readings with the order of the rows (Spearman) from which the rows are sorted by it."""
 _LEAST_POSES = 4
@@ -147,12 +148,14 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     if chain.poses_per_sample == 1:  # the two ends of a length have no order
         moves, history = moved(chain.robot, chain.state.drive_angles, clock(chain.state), pose)
         derived |= moves
-    derived |= {f"tau{k}": torque for k, torque in enumerate(chain.state.torque, 1)}
+    torques = _without_rounding(chain.state.torque)
+    moments = _without_rounding(chain.state.moment)
+    derived |= {f"tau{k}": torque for k, torque in enumerate(torques, 1)}
     derived["time"] = clock(chain.state)
     attitude = np.einsum("cin,i->cn", chain.state.frames.link[-1], chain.state.gravity)
     derived |= dict(zip(("down_x", "down_y", "down_z"), attitude))
-    derived |= dict(zip(("moment_x", "moment_y"), chain.state.moment[0]))
-    for k, moment in enumerate(chain.state.moment[1:-1], 1):
+    derived |= dict(zip(("moment_x", "moment_y"), moments[0]))
+    for k, moment in enumerate(moments[1:-1], 1):
         derived |= {f"moment{k}_{c}": row for c, row in zip("xyz", moment)}
     derived["payload"] = chain.state.payload
     if chain.measurement.place == "sensor":
@@ -160,6 +163,12 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     if chain.has_sight_lines:
         derived |= sight_covariates(chain.state.measured)
     return replace(chain.state, covariates=recorded | derived, history=history)
+
+
+def _without_rounding(vectors: np.ndarray) -> np.ndarray:
+    """(..., n) the same with 0 for components that vary by rounding alone: nothing depends on such a covariate."""
+    size = np.ptp(vectors, axis=-1, keepdims=True)
+    return np.where(size > _ROUNDING * np.abs(vectors).max(initial=0.0), vectors, 0.0)
 
 
 class SlicedBases(dict):
