@@ -88,3 +88,11 @@ def test_import_with_a_flange_row(tmp_path):
     more = write_rows(tmp_path / "all_standard.csv", header, [*rows, ["more", 0, 40, 0, 180]])
     with pytest.raises(InputError, match="expected 7 joint columns.*word fixed in a column type"):
         import_recording([path], tmp_path / "again", ImportOptions(robot=str(more)))
+
+
+def test_offsets_in_degrees_next_to_a_column_in_radians(tmp_path):
+    """`q2-90` cannot be 90 radians, though alpha is stated in them."""
+    rows = ["J1,q1,300,20,-1.5707963", "J2,q2-90,0,250,0", "J3,q3,10,40,1.5707963"]
+    keys = keys_of(tmp_path, "joint,theta,d [mm],a [mm],alpha [rad]", rows)
+    assert [joint["theta_deg"] for joint in keys["joint"]] == [0.0, -90.0, 0.0]
+    assert [joint["alpha_deg"] for joint in keys["joint"]] == [-90.0, 0.0, 90.0]

@@ -226,9 +226,12 @@ def _angle_factor(table: RawTable, header: Header, values, common: str | None) -
     cells, has_pi = values
     if has_pi:
         return ANGLES["rad"]
-    if header.unit in ANGLES or common is not None:
-        return ANGLES.get(header.unit, ANGLES[common or "deg"])
+    if header.unit in ANGLES:
+        return ANGLES[header.unit]
     largest = np.abs(cells).max()
+    # offsets of more than a turn are not in radians, whatever the unit of the other angles
+    if common is not None and not (common == "rad" and largest > 2 * math.pi):
+        return ANGLES[common]
     if 0 < largest < 2 * math.pi and _are_right_angles(cells, math.pi / 2):
         return ANGLES["rad"]
     if largest == 0 or largest > 2 * math.pi:
