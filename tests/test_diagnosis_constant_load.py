@@ -46,7 +46,7 @@ def test_a_load_that_acts_all_the_time_is_found_with_the_compliances_that_it_def
 def test_the_gain_of_a_load_depends_neither_on_repeats_nor_on_the_unit_of_length():
     """The numbers that repeats are worth are the same for both solutions, and so is the unit that their densities have."""
     gains = [_gain_of_load(scale) for scale in (1.0, 5.0)]
-    assert min(gains) > 20
+    assert min(gains) > 10  # 20,000 to 1
     assert gains[0] == pytest.approx(gains[1], rel=0.2)
 
 

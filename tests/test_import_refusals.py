@@ -152,7 +152,7 @@ def test_a_built_in_robot_is_found_where_none_is_named(tmp_path):
     path = joints_and_points(recording, tmp_path / "t.csv")
     made = import_recording([path], tmp_path / "out", ImportOptions())
     assert made.recording.robot == {"builtin": "staubli_tx60"}
-    assert any("staubli_tx60 fits" in sentence for sentence in made.warnings)
+    assert any("'Staubli TX60' is a guess" in sentence for sentence in made.warnings)
 
 
 @pytest.mark.slow
