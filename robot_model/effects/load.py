@@ -4,9 +4,9 @@ import numpy as np
 
 from robot_model.chain import cross
 from robot_model.effects.elastic import link_direction, link_line, one_each
-from robot_model.effects.steps import instants_between
+from robot_model.effects.steps import AfterInstant
 from robot_model.statics import STANDARD_GRAVITY
-from workbench.core.covariates import clock, instant_format
+from workbench.core.covariates import clock, instant_format, instants_between
 from workbench.core.effect import Effect, Grid, Variant
 from workbench.core.parameters import Parameter
 
@@ -140,7 +140,7 @@ def _recorded_load(state) -> np.ndarray:
     return state.payload - state.robot.payload_mass
 
 
-class LoadDeflection(Effect):
+class LoadDeflection(AfterInstant):
     """The tool carries another load after an instant, and the joints deflect by it; the links' masses are not known.
 
     One number a joint, its compliance times the change of weight, and the centre of the load relative to the measured
@@ -162,15 +162,6 @@ class LoadDeflection(Effect):
     )
     reads = ("time",)
     unrecorded = "payload_kg"
-
-    def __init__(self, where: str, after: float):
-        super().__init__(where)
-        self.after = after
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: `grids` has all instants."""
-        return ()
 
     @classmethod
     def grids(cls, chain):

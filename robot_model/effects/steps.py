@@ -7,7 +7,7 @@ from pydantic import Field
 
 from robot_model.chain import link_lengths
 from robot_model.effects.extrapolation import change_after_recording, distance_beyond
-from workbench.core.covariates import clock, instant_format
+from workbench.core.covariates import clock, instant_format, instants_between
 from workbench.core.effect import Effect, Grid, Variant
 
 _TWIST = (
@@ -22,13 +22,24 @@ _TIME_CONSTANTS = np.geomspace(0.03, 1.0, 10)  # of the recording's length
 _GROWTH = 1e-4  # of a length, about ten kelvin
 
 
-def instants_between(state) -> np.ndarray:
-    """(V,) instants midway between two samples, but for the first and the last two."""
-    instants = np.unique(clock(state))
-    return ((instants[1:] + instants[:-1]) / 2)[2:-2]
+class AfterInstant(Effect):
+    """An effect that begins at an instant: `after`, in s where time was recorded, else the number of a row."""
+
+    def __init__(self, where: str, after: float):
+        super().__init__(where)
+        self.after = after
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: `grids` has all instants."""
+        return ()
+
+    def instant(self, state) -> str:
+        """`after 900 s` or `after row 12`."""
+        return f"after {instant_format(state).format(self.after)}"
 
 
-class Shift(Effect):
+class Shift(AfterInstant):
     """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
     Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
@@ -44,13 +55,8 @@ class Shift(Effect):
     reads = ("time",)
 
     def __init__(self, where: str, after: float):
-        super().__init__(where)
-        self.after, self.of_session = after, where == "base"
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: `grids` has all instants."""
-        return ()
+        super().__init__(where, after)
+        self.of_session = where == "base"
 
     @classmethod
     def grids(cls, chain):
@@ -65,8 +71,7 @@ class Shift(Effect):
                 yield Grid(cls, where, "after", "step", "time", between, even, sizes, label)
 
     def table(self, chain):
-        instant = instant_format(chain.state).format(self.after)
-        label = f"the shift of {self.where} (after {instant})"
+        label = f"the shift of {self.where} ({self.instant(chain.state)})"
         return tuple(
             self.parameter(name, unit, size, f"{label}, {name}") for name, unit, size in _TWIST
         )
@@ -76,7 +81,7 @@ class Shift(Effect):
         return np.eye(6)[:, :, None] * is_after
 
 
-class TargetShift(Effect):
+class TargetShift(AfterInstant):
     """A part of the machine moves once, as after a knock.
 
     It is one of several balls of an artefact or of several reflectors on the tool. Three numbers: the step of its
@@ -91,15 +96,6 @@ class TargetShift(Effect):
     source = Shift.source
     reads = ("time",)
 
-    def __init__(self, where: str, after: float):
-        super().__init__(where)
-        self.after = after
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: `grids` has all instants."""
-        return ()
-
     @classmethod
     def grids(cls, chain):
         """Any instant between two samples of one of several targets, but for its first and its last two."""
@@ -108,8 +104,7 @@ class TargetShift(Effect):
         label = f"after {instant_format(chain.state)}"
         for where in targets if len(targets) > 1 else ():
             is_own = cls(where, 0.0).is_observed(chain.state)
-            own = np.unique(clock(chain.state)[is_own])
-            between = ((own[1:] + own[:-1]) / 2)[2:-2]
+            between = instants_between(chain.state, is_own)
             if len(between):
                 about = ("after", "step", "time", between, np.ones(len(between)), sizes, label)
                 yield Grid(cls, where, *about, np.tile(is_own.astype(float), (3, 1)))
@@ -119,8 +114,7 @@ class TargetShift(Effect):
         return state.index == self.number
 
     def table(self, chain):
-        instant = instant_format(chain.state).format(self.after)
-        label = f"the shift of {self.where} (after {instant})"
+        label = f"the shift of {self.where} ({self.instant(chain.state)})"
         return tuple(
             self.parameter(axis, unit, size, f"{label}, {axis}") for axis, unit, size in _TWIST[:3]
         )
@@ -280,13 +274,13 @@ class BaseWarmUp(WarmUpLaw, Effect):
 
 
 __all__ = [
+    "AfterInstant",
     "BaseWarmUp",
     "JointWarmUp",
     "LinkWarmUp",
     "Loosening",
     "Shift",
     "TargetShift",
-    "instants_between",
     "warm_up_progress",
     "warm_up_variants",
 ]

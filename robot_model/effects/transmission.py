@@ -6,10 +6,12 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.effects.elastic import JointCompliance
+from robot_model.effects.steps import AfterInstant
 from robot_model.state import sliding
 from workbench.core.covariates import (
     clock,
     instant_format,
+    instants_between,
     last_side,
     reversals,
 )
@@ -273,7 +275,7 @@ class Backlash(Effect):
         return self.seat == "moves"
 
 
-class ZeroShift(Effect):
+class ZeroShift(AfterInstant):
     """A belt slipped, the arm was hit or counts were lost: the zero of a joint jumps once.
 
     `after` is an instant in s where time was recorded, else the number of a row.
@@ -287,20 +289,10 @@ class ZeroShift(Effect):
     reads = ("time",)
     plant_weight = 0.3
 
-    def __init__(self, where: str, after: float):
-        super().__init__(where)
-        self.after = after
-
-    @classmethod
-    def candidates(cls, chain):
-        """None: `grids` has all instants."""
-        return ()
-
     @classmethod
     def grids(cls, chain):
         """Any instant between two samples, but for the first and the last two."""
-        instants = np.unique(clock(chain.state))
-        between = ((instants[1:] + instants[:-1]) / 2)[2:-2]
+        between = instants_between(chain.state)
         if not len(between):
             return
         for where in chain.places("joint"):
@@ -316,8 +308,7 @@ class ZeroShift(Effect):
         return {"row": first}, (readings.poses >= readings.poses[first]).astype(float)
 
     def table(self, chain):
-        instant = instant_format(chain.state).format(self.after)
-        label = f"joint {self.number}'s shift (after {instant})"
+        label = f"joint {self.number}'s shift ({self.instant(chain.state)})"
         return (self.parameter("shift", *size_of(chain, self.number, 1e-3), label),)
 
     def basis(self, state):

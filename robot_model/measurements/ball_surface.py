@@ -11,7 +11,7 @@ from robot_model.measurements.multistart import RotationSystem
 from robot_model.poses import pose_parameters
 from workbench.core.errors import InputError
 from workbench.core.parameters import Parameter
-from workbench.core.profiler_start import signed_centres
+from workbench.core.profiler_start import algebraic_circles, signed_centres
 from workbench.core.rigid import left_jacobian, rotation_matrix, transform
 
 _STEPS = 30
@@ -184,26 +184,26 @@ def _centre(points, radius):
 
 
 def _circles(flat, label, count) -> np.ndarray:
-    """(3, count) mm: x, z and radius of the circle through the points (2, n) of each label, nan where they do not say.
+    """(3, count) mm: x, z and radius of the circle through the points (2, n) of each label, nan for points on a line
+    and for fewer than four."""
+    is_round = np.array([_is_round(flat[:, label == k]) for k in range(count)])
+    place = np.cumsum(is_round) - 1
+    usable = is_round[label]
+    found = np.full((3, count), np.nan)
+    if is_round.any():
+        found[:, is_round] = algebraic_circles(
+            flat[:, usable], place[label[usable]], int(is_round.sum())
+        )
+    return found
 
-    Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8: linear, as good as a start needs to be.
-    """
-    number = np.bincount(label, minlength=count)
-    middle = np.stack([np.bincount(label, row, count) / number for row in flat])
-    x, z = flat - middle[:, label]
-    rows = (x, z, np.ones_like(x))
-    square = (x**2 + z**2) / 2
-    normal = np.array([[np.bincount(label, p * q, count) for q in rows] for p in rows])
-    right = np.array([np.bincount(label, p * square, count) for p in rows])
-    normal, right = normal.transpose(2, 0, 1), right.T
-    # points on one line, or fewer than four, determine no circle
-    thickness = np.linalg.eigvalsh(normal[:, :2, :2] / number[:, None, None])[:, 0]
-    is_round = (number >= _FEWEST) & (thickness > _LEAST_THICKNESS**2)
-    found = np.full((count, 3), np.nan)
-    a, c, level = np.linalg.solve(normal[is_round], right[is_round][..., None])[..., 0].T
-    found[is_round] = np.stack([a, c, np.sqrt(np.maximum(2 * level + a**2 + c**2, 0.0))], axis=1)
-    found[:, :2] += middle.T
-    return found.T
+
+def _is_round(points) -> bool:
+    """Whether points (2, k) determine a circle."""
+    if points.shape[1] < _FEWEST:
+        return False
+    around = points - points.mean(1, keepdims=True)
+    thickness = np.linalg.eigvalsh(around @ around.T / points.shape[1])[0]
+    return bool(thickness > _LEAST_THICKNESS**2)
 
 
 def _at(frames: Frames, rows) -> Frames:

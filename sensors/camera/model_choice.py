@@ -27,6 +27,7 @@ from sensors.camera.checks import (
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
 from sensors.camera.start import MODELS, placement_groups
+from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.effect import Effect
 from workbench.core.errors import InputError
 
@@ -141,7 +142,7 @@ def _candidate(model, parts, judged, reference, problems) -> Candidate:
     squares = next(one.squares for one in fitted if one.model == model)
     excess = np.log(squares / best.squares) / 2
     deviation = np.median(np.abs(excess - np.median(excess)))
-    error = 1.4826 * deviation / np.sqrt(len(excess))
+    error = MEDIAN_TO_SIGMA * deviation / np.sqrt(len(excess))
     return Candidate(
         model,
         count,

@@ -11,7 +11,7 @@ import numpy as np
 
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
-from workbench.core.least_squares.linear_algebra import solve_positive
+from workbench.core.profiler_start import algebraic_circles, solved_by_label
 
 _TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
 _STEPS = 30
@@ -81,13 +81,14 @@ def fit_circles(flat, label, used, names) -> tuple[np.ndarray, np.ndarray]:
     profile = label[used]
     count = len(names)
     _refuse_too_few(profile, names)
-    centre, radius = _algebraic_circles(points, profile, count)
+    *centre, radius = algebraic_circles(points, profile, count)
+    centre = np.stack(centre)
     for _ in range(_STEPS):
         from_centre = points - centre[:, profile]
         length = np.hypot(*from_centre)
         along = from_centre / length
         gap = length - radius[profile]
-        step = _solved([*along, np.ones_like(gap)], gap, profile, count).T
+        step = solved_by_label([*along, np.ones_like(gap)], gap, profile, count).T
         centre = centre + step[:2]
         radius = radius + step[2]
         if np.abs(step).max() < 1e-10:
@@ -104,23 +105,6 @@ def _refuse_too_few(profile: np.ndarray, names) -> None:
             f"{names[few]}: expected at least {_FEWEST} points on one circle, found {number[few]}; "
             "take the profile out or aim at the ball"
         )
-
-
-def _algebraic_circles(points, profile, count) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (2, count) and radii (count,) of Kasa's fit, about the mean point of each profile."""
-    number = np.bincount(profile, minlength=count)
-    middle = np.stack([np.bincount(profile, row, count) / number for row in points])
-    x, z = points - middle[:, profile]
-    rows = [x, z, np.ones_like(x)]
-    a, b, c = _solved(rows, (x**2 + z**2) / 2, profile, count).T
-    return middle + np.stack([a, b]), np.sqrt(2 * c + a**2 + b**2)
-
-
-def _solved(rows, target, k, count):
-    """(count, 3) least-squares solutions, one a label."""
-    normal = np.array([[np.bincount(k, p * q, count) for q in rows] for p in rows])
-    right = np.stack([np.bincount(k, p * target, count) for p in rows], -1)
-    return solve_positive(np.moveaxis(normal, -1, 0), right[..., None])[..., 0]
 
 
 def _gaps(flat, label, centre, radius):

@@ -18,6 +18,12 @@ def clock(state) -> np.ndarray:
     )
 
 
+def instants_between(state, is_own: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(V,) instants midway between two samples, but for the first and the last two; is_own (n,): of these samples."""
+    instants = np.unique(clock(state)[is_own])
+    return ((instants[1:] + instants[:-1]) / 2)[2:-2]
+
+
 def instant_format(state) -> str:
     """Format string that shows an instant of `clock` with its unit, or as the number of a row."""
     return "{:g} s" if "time_s" in state.covariates else "row {:g}"

@@ -202,6 +202,26 @@ def _elsewhere(values, top):
     return np.linalg.norm(rotation_vector(between)) > 0.02
 
 
+def algebraic_circles(flat: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+    """(3, count) mm: x, z of the centre and radius of the circle through the points (2, n) of each label from 0.
+
+    Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8: linear, about the mean point of each label; as good as a start needs.
+    """
+    number = np.bincount(label, minlength=count)
+    middle = np.stack([np.bincount(label, row, count) / number for row in flat])
+    x, z = flat - middle[:, label]
+    rows = [x, z, np.ones_like(x)]
+    x0, z0, level = solved_by_label(rows, (x**2 + z**2) / 2, label, count).T
+    return np.stack([x0 + middle[0], z0 + middle[1], np.sqrt(2 * level + x0**2 + z0**2)])
+
+
+def solved_by_label(rows, target: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
+    """(count, len(rows)) least-squares coefficients of rows (n,) that make the target (n,), of each label from 0."""
+    normal = np.array([[np.bincount(label, p * q, count) for q in rows] for p in rows])
+    right = np.stack([np.bincount(label, p * target, count) for p in rows], -1)
+    return solve_positive(np.moveaxis(normal, -1, 0), right[..., None])[..., 0]
+
+
 def signed_centres(
     circles: np.ndarray,
     label: np.ndarray,

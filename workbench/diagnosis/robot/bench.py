@@ -54,13 +54,7 @@ _NO_SIGHT_LINES = (
     "The origin of the measured points is among the points or at the robot, so that the place of the instrument is not "
     "known: errors of its angle encoders are not tested. To test them, record the points in the instrument's own frame."
 )
-_SORTED_ROWS = (
-    "No time was recorded, and the rows are sorted by the reading of joint {joint}: a drift or a step in the order "
-    "of the rows may be an error of this joint. Add the column time_s, or give the rows in the order of measurement."
-)
 _ROUNDING = 1e-9  # of the largest torque or moment
-_SORTED = 0.98
-"""Rank correlation of a joint's readings with the order of the rows (Spearman) from which the rows are sorted by it."""
 _LEAST_POSES = 4
 """Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = 6, 50
@@ -96,25 +90,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     warnings = checked.warnings or moving.warnings
     if chain.places("instrument") and not chain.has_sight_lines:
         warnings = (*warnings, _NO_SIGHT_LINES)
-    if (joint := _sorted_by(chain)) is not None:
-        warnings = (*warnings, _SORTED_ROWS.format(joint=joint))
     return RobotBench(chain, moving.poses, effects, moving, warnings)
-
-
-def _sorted_by(chain) -> int | None:
-    """The joint by which the rows are sorted where no time says in which order they were measured; else None."""
-    if "time_s" in chain.state.covariates:
-        return None
-    order = _ranks(chain.state.covariates["row"])
-    for joint, readings in enumerate(chain.state.drive_angles, 1):
-        if np.ptp(readings) > 0 and abs(np.corrcoef(order, _ranks(readings))[0, 1]) > _SORTED:
-            return joint
-    return None
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    """(n,) place of each value among the different ones, equal values alike; scipy.stats takes long to load."""
-    return np.unique(values, return_inverse=True)[1].astype(float)
 
 
 def _check_enough(moving) -> None:
