@@ -107,3 +107,18 @@ def test_profiles_of_other_rows_are_refused(measured, tmp_path):
         import_recording(
             sources, tmp_path / "out", ImportOptions(robot="ur5", ball_radius_mm=RADIUS)
         )
+
+
+def test_a_row_with_the_joint_readings_of_another_is_no_internal_error(measured, tmp_path):
+    """Two profiles with equal readings are two circles, also where the readings of one are wrong."""
+    joints, profiles = measured
+    wrong = joints[:12].copy()
+    wrong[7] = wrong[3]
+    sources = written(tmp_path, wrong, profiles[:12])
+    options = ImportOptions(robot="ur5", ball_radius_mm=RADIUS)
+    try:
+        made = import_recording(sources, tmp_path / "out", options)
+    except InputError as problem:
+        assert "joints.csv" in str(problem)
+    else:
+        assert made.doubts

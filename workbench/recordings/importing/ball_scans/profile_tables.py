@@ -76,7 +76,8 @@ def _with_all_points(tested: Recording, points) -> tuple[Recording, np.ndarray]:
 
 def _radius_doubts(table: RawTable, circles: Circles, recording, rows, radius) -> tuple[str, ...]:
     """A sentence where the profiles show a ball of another radius at the poses of the nominal arm."""
-    first = np.unique(recording.poses, return_index=True)[1]
+    # by the number of the profile: two profiles with equal joint readings are one pose, but two circles
+    first = np.unique(recording.columns["pose"], return_index=True)[1]
     seen = np.concatenate([circles.centre, [circles.radius]])[:, rows]
     names = [f"row {line}" for line in table.lines[rows]]
     scans = Scans(seen, flange_poses(recording)[first], names, radius, is_profile=True)
