@@ -140,7 +140,7 @@ def _recorded_load(state) -> np.ndarray:
     return state.payload - state.robot.payload_mass
 
 
-class LoadDeflection(AfterInstant):
+class LoadDeflection(AfterInstant, Effect):
     """The tool carries another load after an instant, and the joints deflect by it; the links' masses are not known.
 
     One number a joint, its compliance times the change of weight, and the centre of the load relative to the measured

@@ -22,8 +22,8 @@ _TIME_CONSTANTS = np.geomspace(0.03, 1.0, 10)  # of the recording's length
 _GROWTH = 1e-4  # of a length, about ten kelvin
 
 
-class AfterInstant(Effect):
-    """An effect that begins at an instant: `after`, in s where time was recorded, else the number of a row."""
+class AfterInstant:
+    """Of effects that begin at an instant: `after`, in s where time was recorded, else the number of a row."""
 
     def __init__(self, where: str, after: float):
         super().__init__(where)
@@ -39,7 +39,7 @@ class AfterInstant(Effect):
         return f"after {instant_format(state).format(self.after)}"
 
 
-class Shift(AfterInstant):
+class Shift(AfterInstant, Effect):
     """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
     Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
@@ -81,7 +81,7 @@ class Shift(AfterInstant):
         return np.eye(6)[:, :, None] * is_after
 
 
-class TargetShift(AfterInstant):
+class TargetShift(AfterInstant, Effect):
     """A part of the machine moves once, as after a knock.
 
     It is one of several balls of an artefact or of several reflectors on the tool. Three numbers: the step of its

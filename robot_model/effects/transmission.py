@@ -275,7 +275,7 @@ class Backlash(Effect):
         return self.seat == "moves"
 
 
-class ZeroShift(AfterInstant):
+class ZeroShift(AfterInstant, Effect):
     """A belt slipped, the arm was hit or counts were lost: the zero of a joint jumps once.
 
     `after` is an instant in s where time was recorded, else the number of a row.
