@@ -291,3 +291,10 @@ def test_the_solution_has_the_standard_deviations_of_the_diagnosis():
     derived = {"key": "joint-1.deflection", "std": 1.0, "derived": True}
     terms = [SimpleNamespace(parameters=(row, derived)), SimpleNamespace(parameters=())]
     assert estimated_std(terms) == {"joint-1.wave": 5.0}
+
+
+def test_a_model_without_terms_says_so():
+    from workbench.core.terms import switched_off
+
+    with pytest.raises(InputError, match="its model has no terms to omit"):
+        switched_off([], ["joint-3.backlash"], "found")

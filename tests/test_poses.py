@@ -268,3 +268,16 @@ def test_candidates_that_tell_nothing_or_must_all_be_taken_break_no_bound():
     assert choose(rows, 11, "task", tasks, known=known, bounded=True).bound == pytest.approx(
         found.everything, rel=1e-3
     )
+
+
+def test_a_refused_count_names_the_scene_and_the_reasons(tmp_path):
+    from workbench.commands.robot.poses import _read
+
+    scene_file = tmp_path / "cell.toml"
+    scene_file.write_text(
+        'robot = "abb_irb120"\nmeasures = "external-point"\nsamples = 20\n', encoding="utf-8"
+    )
+    candidates = _read(str(scene_file), False)
+    assert candidates.name == str(scene_file)
+    with pytest.raises(InputError, match=r"poses of .*cell\.toml that can be used \(excluded: "):
+        choose_poses(candidates, 300)

@@ -1,11 +1,15 @@
 """Cartesian stiffness: MuJoCo's deflection under a wrench, symmetry, units, and files that other programs read."""
 
 import json
+import re
+import tomllib
 
 import numpy as np
 import pytest
 
+from conftest import ROOT
 from export_scenes import arm_with, readings_of
+from robot_model import load_robot
 from scenes import ABB
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
@@ -293,3 +297,13 @@ def test_an_own_urdf_with_measured_stiffness_deflects_as_by_hand(workbench, tmp_
     by_hand = -200 * (1.1**2 / 1e5 + 0.5**2 / 4e4) * 1e3
     assert table["deflection_z_mm"][0] == pytest.approx(by_hand, rel=1e-6)
     assert table["deflection_x_mm"][0] == pytest.approx(0, abs=1e-9)
+
+
+def test_poses_of_the_page_are_within_the_limits_of_its_robot(tmp_path, monkeypatch):
+    page = (ROOT / "docs" / "how-to" / "stiffness.md").read_text(encoding="utf-8")
+    code, named = re.findall(r"```(?:python|toml)\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    poses = np.loadtxt("poses.csv", delimiter=",")
+    low, high = np.rad2deg(load_robot({"builtin": tomllib.loads(named)["robot"]}).limits.T)
+    assert len(poses) == 500 and (low <= poses).all() and (poses <= high).all()

@@ -18,9 +18,10 @@ def switched_off(
     for pattern in patterns:
         hits = [any(fnmatchcase(name, pattern) for name in names) for names in terms]
         if not any(hits):
-            known = ", ".join(dict.fromkeys(names[0] for names in terms)) or "none"
+            known = ", ".join(dict.fromkeys(names[0] for names in terms))
+            known = f"its terms are {known}" if known else "its model has no terms to omit"
             raise InputError(
-                f"--without {pattern}: expected a term of {where}, found none of that name; its terms are {known}"
+                f"--without {pattern}: expected a term of {where}, found none of that name; {known}"
             )
         off = [hit_of_kind or hit for hit_of_kind, hit in zip(off, hits)]
     return off

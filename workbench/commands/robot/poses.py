@@ -1,5 +1,6 @@
 """`workbench poses`: optimal selection of the poses to measure."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -160,16 +161,19 @@ def _terms(name: str, without: list[str] | None):
 def _read(name: str, trust_data: bool):
     """A recording, or what the scene of a TOML file, or of a diagnosis run, simulates."""
     if is_model_run(Path(name)):
-        from workbench.jobs.robot.simulate import simulate
-
-        return simulate(Path(name) / SCENE)
+        return _simulated(Path(name) / SCENE, name)
     if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
-        from workbench.jobs.robot.simulate import simulate
-
-        return simulate(Path(name))
+        return _simulated(Path(name), name)
     import datasets
 
     return datasets.read(name, trust_data)
+
+
+def _simulated(scene: Path, name: str):
+    """What a scene simulates, with the name that the user gave: a scene itself has none."""
+    from workbench.jobs.robot.simulate import simulate
+
+    return replace(simulate(scene), name=name)
 
 
 def _show(console, result) -> None:

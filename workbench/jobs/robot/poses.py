@@ -1,4 +1,4 @@
-"""Which poses to measure: reachable, visible, not in the arm's own way, and telling the most."""
+"""Which poses to measure: reachable, visible, without self-collision, and most informative."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -114,7 +114,7 @@ def choose_poses(
 
     recording: candidates, measured or simulated. tasks: for criterion "task" a recording of the same
     robot and kind, whose predicted error is to be small. link_radius_mm: half the thickness of the
-    arm's links, for the check that it is not in its own way; 0 leaves the check out. sight: what the
+    arm's links, for the check of self-collision; 0 leaves the check out. sight: what the
     sensor on the arm can see. repeats: how often one pose may be measured.
     The predicted error at the tasks is that of the calibration's own covariance: with the priors of its parameters
     and the stated noise (0.05 mm a coordinate where none is). The criterion is of the positions; where poses are
@@ -190,7 +190,7 @@ def _check_counts(n: int, count: int, repeats: int, name: str, left_out) -> None
     if not 2 <= n <= count:
         raise InputError(
             f"--count {n}: expected 2 to {count}, the poses of {name} that can be used "
-            f"({_describe_exclusions(left_out)}), found {n}; ask for fewer or bring more candidates"
+            f"(excluded: {_describe_exclusions(left_out)}), found {n}; ask for fewer or bring more candidates"
         )
 
 
@@ -207,9 +207,7 @@ def _in_rounds(counts) -> np.ndarray:
 
 
 def _describe_exclusions(left_out) -> str:
-    return (
-        ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none left out"
-    )
+    return ", ".join(f"{count} {why}" for why, count in left_out.items() if count) or "none"
 
 
 def _model(robot, recording, effects):
@@ -282,13 +280,13 @@ def _rotation_error(rows, tasks, known) -> float:
 
 
 def _usable(robot, recording, link_radius, sight):
-    """(n,) which rows may be driven to and show what they should, and how many may not, by the first reason."""
+    """(n,) which rows can be measured, and the number of the others by their first reason."""
     remaining = {}
     taken = np.zeros(recording.n, bool)
     for end in end_recordings(recording):
         variables = robot.mixing @ end.joints.T
         reasons = {"beyond a joint's limit": _beyond(robot, end.joints)}
-        reasons["in the arm's own way"] = (
+        reasons["in which the arm collides with itself"] = (
             self_clearance(robot, variables, link_radius) < 2 * link_radius
             if link_radius > 0
             else np.zeros(recording.n, bool)
