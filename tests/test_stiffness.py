@@ -304,6 +304,6 @@ def test_poses_of_the_page_are_within_the_limits_of_its_robot(tmp_path, monkeypa
     code, named = re.findall(r"```(?:python|toml)\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(code, {})
-    poses = np.loadtxt("poses.csv", delimiter=",")
+    poses = np.loadtxt("poses.csv", delimiter=",", skiprows=1)
     low, high = np.rad2deg(load_robot({"builtin": tomllib.loads(named)["robot"]}).limits.T)
     assert len(poses) == 500 and (low <= poses).all() and (poses <= high).all()
