@@ -433,7 +433,8 @@ def diagnose(
             (FILE#LINK).
         solution: Compare with this earlier calibration (solution.json).
         baseline: Model before the search: geometry, or geometry and joint compliance.
-        scanner: Use this calibrated scanner (scanner.toml of `workbench scanner`).
+        scanner: Measure ball centres in the scans with this calibrated scanner (scanner.toml) and
+            diagnose these, instead of the images.
         jobs: Number of processes; default: 1.
         out: Folder to write; default: a temporary one, which is removed with the result.
         trust_data: Continue with a warning if the recorded data are implausible.

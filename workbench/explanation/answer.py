@@ -84,7 +84,6 @@ def diagnose(
     baseline: str = "geometry",
     simulation: Path | None = None,
     solution: Path | None = None,
-    scanner: Path | None = None,
     progress: Say = lambda text: None,
     first: Say = lambda text: None,
     provisional: Callable[[dict], None] = lambda result: None,
@@ -94,10 +93,9 @@ def diagnose(
     """Find the physical effects that the baseline model of a recording lacks.
 
     baseline: "geometry" or "joint-compliance". simulation, solution: a scene or an earlier calibration to compare
-    with, whose effects then belong to the baseline. scanner: a calibrated one, for a recording of scans. progress:
-    called with what is done; first: with what the first search found, long before it is validated; provisional: with
-    the same as keys. jobs: processes for the searches inside folds, where one search takes long enough. trust_data:
-    diagnose also a recording that cannot be right.
+    with, whose effects then belong to the baseline. progress: called with what is done; first: with what the first
+    search found, long before it is validated; provisional: with the same as keys. jobs: processes for the searches
+    inside folds, where one search takes long enough. trust_data: diagnose also a recording that cannot be right.
     Raises InputError.
     """
     say = _Reporter(progress, first, provisional)

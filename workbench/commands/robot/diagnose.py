@@ -36,6 +36,15 @@ SessionFile = Annotated[
         help="Leave out the data that an edit session of `workbench open` excludes (session.toml); replaces RECORDING.",
     ),
 ]
+ScannerFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--scanner",
+        metavar="FILE",
+        help="Measure ball centres in the scans with this calibrated scanner (scanner.toml) and diagnose these, "
+        "instead of the images.",
+    ),
+]
 Baseline = Annotated[
     Literal["geometry", "joint-compliance"],
     typer.Option(
@@ -49,7 +58,7 @@ def command(
     simulation: Simulation = None,
     solution: Solution = None,
     baseline: Baseline = "geometry",
-    scanner: answer.ScannerFile = None,
+    scanner: ScannerFile = None,
     jobs: answer.Jobs = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -67,48 +76,78 @@ def command(
 
         one_thread()  # matrices are small: several threads would slow one another down
         import datasets
-        from workbench.diagnosis.scanner.surface import is_surface
-        from workbench.explanation.answer import diagnose
-        from workbench.explanation.output.corrected_model import write_model
-        from workbench.explanation.output.files import save
-        from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
         found = sessions.edited(edits, datasets.read(recording, trust_data))
         _check_options(found, simulation, solution, scanner)
-        tolerances = parse_tolerances(tolerance, _units(found))
-        if is_surface(found):
-            _diagnose_sensor(found, recording, (out, json, no_report), tolerances, say)
-            return
+        tolerances = parse_tolerances(tolerance, _units(found, scanner))
+        options = {
+            "baseline": baseline,
+            "simulation": simulation,
+            "solution": solution,
+            "jobs": jobs or cores(),
+            "trust_data": trust_data,
+        }
         with runs.opened("diagnose", recording, out) as run:
-            diagnosis = diagnose(
-                found,
-                baseline=baseline,
-                simulation=simulation,
-                solution=solution,
-                scanner=scanner,
-                progress=say,
-                first=say.note,
-                provisional=lambda first: _keep(first, recording, run),
-                jobs=jobs or cores(),
-                trust_data=trust_data,
-            )
-            save(diagnosis, run.partial)
-            sessions.keep(edits, run.partial)
-            model = write_model(diagnosis, found, run.partial, say, trust_data)
-            result = diagnosis.as_json()
-            result |= check_diagnosis(diagnosis, found, tolerances).keys(result)
-            result |= {
-                "model": model.as_json(run.path),
-                "input": runs.input_name(recording),
-                "run": run.path,
-            }
-            if not no_report:
-                _report(diagnosis, run.partial, say)
+            found, sensor_keys = _subject_of(found, scanner, run, say)
+            result = _diagnosed(found, recording, options, tolerances, (run, edits, no_report, say))
+            of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())
+            result["warnings"] = [*of_sensor, *result["warnings"]]
+            result |= sensor_keys
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
     answer.deliver(result, json)
     console = answer.console(json)
     show(console, result)
     answer.conclude(console, result, run.path)
+
+
+def _subject_of(found, scanner: Path | None, run, say):
+    """What is diagnosed: the recording, or the ball centres of its scans; and keys of the scans for the answer."""
+    if scanner is None:
+        return found, {}
+    from workbench.jobs.sensor import ball_centres, scan
+
+    ball_centres.check_poses(found)
+    scans = scan.scan(found, scanner, run.partial, say)
+    centres = ball_centres.required(scans)
+    ball_centres.save(scans, run.partial)
+    return centres, {"sensor": ball_centres.as_json(scans, run.path)}
+
+
+def _diagnosed(found, recording: str, options: dict, tolerances, target) -> dict:
+    """Diagnose an arm or a sensor into the folder of the run. Returns the answer.
+
+    options: keyword arguments of `explanation.answer.diagnose`; target: run, edit session or None, whether to write
+    no report, and what to call with the progress.
+    """
+    from workbench.diagnosis.scanner.surface import is_surface
+
+    run, edits, no_report, say = target
+    if is_surface(found):
+        return _diagnose_sensor(found, recording, run, no_report, tolerances, say)
+    from workbench.explanation.answer import diagnose
+    from workbench.explanation.output.corrected_model import write_model
+    from workbench.explanation.output.files import save
+    from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
+
+    diagnosis = diagnose(
+        found,
+        progress=say,
+        first=say.note,
+        provisional=lambda first: _keep(first, recording, run),
+        **options,
+    )
+    save(diagnosis, run.partial)
+    sessions.keep(edits, run.partial)
+    model = write_model(diagnosis, found, run.partial, say, options["trust_data"])
+    result = diagnosis.as_json()
+    result |= check_diagnosis(diagnosis, found, tolerances).keys(result)
+    if not no_report:
+        _report(diagnosis, run.partial, say)
+    return result | {
+        "model": model.as_json(run.path),
+        "input": runs.input_name(recording),
+        "run": run.path,
+    }
 
 
 def _keep(first: dict, recording: str, run) -> None:
@@ -117,32 +156,26 @@ def _keep(first: dict, recording: str, run) -> None:
     runs.write_provisional(run, answer.as_text({**first, "input": input_name, "run": run.path}))
 
 
-def _diagnose_sensor(found, recording: str, targets, tolerances, say) -> None:
-    """Diagnose a profiler or a 3-D camera; targets: run folder, target of the JSON, whether to write no report."""
+def _diagnose_sensor(found, recording: str, run, no_report: bool, tolerances, say) -> dict:
+    """Diagnose a profiler, a 3-D camera or measured ball centres with flange poses. Returns the answer."""
     from workbench.diagnosis.scanner.surface import diagnose_surface
     from workbench.fitting.verdicts.verdict import Noise, Residual, judge
     from workbench.report.diagnosis.surface import page
     from workbench.report.page import write_sheet
 
-    out, json, no_report = targets
-    with runs.opened("diagnose", recording, out) as run:
-        diagnosis = diagnose_surface(found, say)
-        result = diagnosis.as_json()
-        held_out = result["held_out"]
-        error = Residual(held_out["after_mm"], "mm", diagnosis.error_name)
-        noise = None
-        if held_out["noise_mm"] is not None:
-            noise = Noise(held_out["noise_mm"], held_out["noise_from"])
-        verdict = judge(error, noise, tolerances, "an effect of the sensor that no test names")
-        result |= {"verdict_details": verdict.as_json(), "run": run.path}
-        result["input"] = runs.input_name(recording)
-        if not no_report:
-            write_sheet(page(diagnosis, result), run.partial)
-        runs.replace_file(run.partial / "answer.json", answer.as_text(result))
-    answer.deliver(result, json)
-    console = answer.console(json)
-    show(console, result)
-    answer.conclude(console, result, run.path)
+    diagnosis = diagnose_surface(found, say)
+    result = diagnosis.as_json()
+    held_out = result["held_out"]
+    error = Residual(held_out["after_mm"], "mm", diagnosis.error_name)
+    noise = None
+    if held_out["noise_mm"] is not None:
+        noise = Noise(held_out["noise_mm"], held_out["noise_from"])
+    verdict = judge(error, noise, tolerances, "an effect of the sensor that no test names")
+    result |= {"verdict_details": verdict.as_json(), "run": run.path}
+    result["input"] = runs.input_name(recording)
+    if not no_report:
+        write_sheet(page(diagnosis, result), run.partial)
+    return result
 
 
 def _subject(edits, recording: str | None, scanner: Path | None, trust_data: bool):
@@ -158,11 +191,11 @@ def _check_options(found, simulation: Path | None, solution: Path | None, scanne
         raise InputError("--simulation and --solution: expected one of them, found both; omit one.")
 
 
-def _units(recording) -> tuple[str, ...]:
-    """Residuals of calibration images are in pixels, all others in millimetres."""
+def _units(recording, scanner: Path | None) -> tuple[str, ...]:
+    """Residuals of calibration images are in pixels, all others, and ball centres of a scanner, in millimetres."""
     from workbench.explanation.answer import IMAGES
 
-    return ("px",) if recording.measures in IMAGES else ("mm",)
+    return ("px",) if recording.measures in IMAGES and scanner is None else ("mm",)
 
 
 def _check_scanner(found, scanner: Path | None) -> None:

@@ -253,12 +253,20 @@ def check_arm(recording: Recording) -> None:
         )
 
 
+def check_poses(recording: Recording) -> None:
+    """Raise InputError, before anything is scanned, where no pose of a robot is known at the scans."""
+    if not recording.columns or (not recording.robot and recording.flange is None):
+        raise InputError(
+            f"{recording.name}/recording.toml: expected [samples] with joint readings and [robot], or with flange "
+            "poses, to diagnose ball centres, found none; add them, or omit --scanner to diagnose the images"
+        )
+
+
 def required(scans: Scans) -> Recording:
     """The recording of ball centres; InputError where these scans make none."""
     found = centres_of(scans)
     if found is not None:
         return found
-    check_arm(scans.recording)
     if any(scan.frame == "base" for scan in scans.scans):
         raise InputError(
             f"{scans.recording.name}, images.csv: expected scans that were taken at one sample each, found images of "
