@@ -53,7 +53,7 @@ def stable_terms(
     """The terms whose gain is significant, too, where each fold knows only what was found without it; and the others.
 
     inliers (n,) bool: samples that are no outliers. No term stays where what the folds found does not predict what they
-    have not seen.
+    have not seen, and none of which no fold reselects most: what predicts there is then another effect.
     """
     nested = [result for result in nested if result.is_searched]
     if not terms:
@@ -132,10 +132,16 @@ class _Folds:
             searched_folds=len(folds),
             t_nested=nested,
         )
-        if nested > critical_t(self._sigma):
+        is_significant = nested > critical_t(self._sigma)
+        if is_significant and any(replaced):
             return judged
         reason = f"what the nested search finds in its place does not reduce the held-out error (t = {nested:.1f})"
-        if not any(found) and any(replaced):
+        if is_significant:
+            reason = (
+                "no fold finds it: what the folds find under its name, or what is confounded with it, makes something "
+                "else"
+            )
+        elif not any(found) and any(replaced):
             reason = (
                 "it is not needed: no fold finds it or what is confounded with it, and other terms together make the "
                 "same there"
