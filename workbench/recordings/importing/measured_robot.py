@@ -22,6 +22,11 @@ from workbench.recordings.importing.calculated_points import calculated_points, 
 from workbench.recordings.importing.final_check import check_fit
 from workbench.recordings.importing.interpretation import decisions, robot_decision
 from workbench.recordings.importing.interpretation.fits import CandidateFit
+from workbench.recordings.importing.interpretation.label_columns import (
+    best_labels,
+    label_columns,
+    label_sentence,
+)
 from workbench.recordings.importing.interpretation.rotation_decision import decide_rotation
 from workbench.recordings.importing.interpretation.unnamed_columns import (
     find_unnamed,
@@ -128,6 +133,9 @@ def decide_table(found, options, progress) -> DecidedTable:
         table, joined = found.timed.joined_at(clocks.seconds)
         mapping = replace(mapping, join=replace(mapping.join, time_offset_s=clocks.seconds))
         said = (*said, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
+    else:
+        mapping, labels = _with_labels(table, mapping, candidates, options)
+        said = (*said, *labels)
     with _clocks_named(clocks):
         decided = _decided(table, mapping, candidates, options, progress)
     return replace(decided, said=(*said, *decided.said), clocks=clocks)
@@ -173,6 +181,27 @@ def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, 
             return find_unnamed(found.table, found.mapping, arms, positions, options.ask)
     except OutOfTime:
         return found.mapping, ()
+
+
+def _with_labels(
+    table: RawTable, mapping: Mapping, candidates: dict[str, Keys], options
+) -> tuple[Mapping, tuple[str, ...]]:
+    """The mapping with the column that distinguishes the reflectors, where the points fit with it alone; a sentence."""
+    is_point = mapping.measures in ("external-point", "external-pose")
+    if not is_point or not label_columns(table, mapping):
+        return mapping, ()
+    rows, _ = complete_rows(table, mapping)
+    arms = [(load_robot(keys, title), keys) for title, keys in candidates.items()]
+    builders = [Builder(rows, keys, robot, options) for robot, keys in arms]
+
+    def fit(candidate: Mapping) -> CandidateFit | None:
+        readings = list(decisions.unit_readings(candidate))
+        fits = [decisions.compare(one.robot, readings, one.positions, 1) for one in builders]
+        found = [compared[0][1] for compared in fits if compared]
+        return min(found, key=lambda one: one.improbability, default=None)
+
+    found = best_labels(rows, mapping, fit)
+    return (mapping, ()) if found is None else (found.mapping, (label_sentence(rows, found),))
 
 
 def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -> DecidedTable:

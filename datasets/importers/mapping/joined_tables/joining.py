@@ -14,6 +14,7 @@ import numpy as np
 from datasets.errors import complaint
 from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.joined_tables.interpolation import interpolated
+from datasets.importers.mapping.joined_tables.reflector_rows import with_rows_of_reflectors
 from datasets.importers.mapping.joined_tables.row_names import (
     OVERLAP,
     differing_names,
@@ -58,7 +59,8 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
         few, many = with_own_names(few, many)
         used = join if join.by else _choose(few, many, join)
         if used.by == "index":
-            joined = _by_index(few, many)
+            joined, said = _by_index(few, many)
+            warnings += said
             warnings += [] if join.by else unused_names(few, many)
         elif used.by == "key":
             joined, said = _by_key(few, many, used)
@@ -109,6 +111,8 @@ def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
     for mine, its in [*other_keys(few, many), *repeated_keys(few, many)]:
         if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
             return replace(join, by="key", key=None)
+    if with_rows_of_reflectors(few, many) is not None:
+        return replace(join, by="index", key=None)
     raise complaint(
         f"{few.file} and {many.file}",
         "equally many rows, a column with the same numbers or names in both, or times in both",
@@ -130,7 +134,11 @@ def _are_counters_of_rows(first: np.ndarray, second: np.ndarray) -> bool:
     )
 
 
-def _by_index(few: RawTable, many: RawTable) -> RawTable:
+def _by_index(few: RawTable, many: RawTable) -> tuple[RawTable, tuple[str, ...]]:
+    said: tuple[str, ...] = ()
+    by_reflector = None if few.n == many.n else with_rows_of_reflectors(few, many)
+    if by_reflector is not None:
+        few, many, said = by_reflector
     if few.n != many.n:
         raise complaint(
             f"{few.file} and {many.file}",
@@ -138,7 +146,7 @@ def _by_index(few: RawTable, many: RawTable) -> RawTable:
             f"{few.n} and {many.n}",
             "remove the surplus rows or join by key or time",
         )
-    return _side_by_side(few, many)
+    return _side_by_side(few, many), said
 
 
 def _side_by_side(few: RawTable, many: RawTable) -> RawTable:

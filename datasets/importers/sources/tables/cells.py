@@ -22,6 +22,10 @@ _NUMBERED = re.compile(r"\s*([A-Za-z_]+\d+)\s*[:=]\s*(?=[A-Za-z]{0,4}[\[({])")
 """A name with a number in front of a list in brackets, as in "P17: {": it names the row, not the column."""
 _SPACED_SIGN = re.compile(r"(?<=[A-Za-z\d])[ \t]{0,40}=[ \t]{1,40}(?=[-+.\d])")
 _COUNTED = re.compile(r"([+-]?\d+):")
+_BETWEEN_LISTS = re.compile(r"(?<=[\])}])\s*(?=[\[({])")
+"""The place between two lists in brackets that nothing divides, as in "[1, 2, 3][0, 0, 1, 0]"."""
+_NUMBER_OF_LIST = re.compile(r"^(\s*\d+)\s*(?=[\[({])")
+"""A number in front of a list, as in "17[1, 2, 3]"."""
 _OPENED = re.compile(r'(?:^|[,;\t|])\s*"')
 _MOST_LINES = 40
 _KEPT = "\ue000"
@@ -72,7 +76,10 @@ def labels_of(line: str, separator: str) -> list[str]:
 
 
 def _divided(line: str, separator: str) -> list[str]:
-    text = _lists_kept(line.strip("\r\n"), separator)
+    text = line.strip("\r\n")
+    if separator != ";" and text.rstrip().endswith(";"):  # the end of a row, as in MATLAB
+        text = text.rstrip()[:-1]
+    text = _lists_kept(_lists_divided(text, separator), separator)
     framed = text.strip()
     if separator == "|" and framed.startswith("| ") and framed.endswith(" |"):  # Markdown
         text = framed[1:-1]
@@ -80,6 +87,14 @@ def _divided(line: str, separator: str) -> list[str]:
     if numbered:
         text = f"{numbered[1]}{separator}{text[numbered.end() :]}"
     return [cell.replace(_KEPT, separator) for cell in _at(text, separator)]
+
+
+def _lists_divided(text: str, separator: str) -> str:
+    """The line with a separator between lists in brackets that stand next to one another."""
+    lists = _IN_BRACKETS.findall(text)
+    if not lists or not all(map(list_in, lists)):
+        return text
+    return _NUMBER_OF_LIST.sub(rf"\g<1>{separator}", _BETWEEN_LISTS.sub(separator, text))
 
 
 def _lists_kept(text: str, separator: str) -> str:

@@ -25,6 +25,7 @@ from robot_model.state import sliding
 from workbench.core.errors import InputError
 from workbench.recordings.importing.interpretation import decisions
 from workbench.recordings.importing.interpretation.fits import CandidateFit
+from workbench.recordings.importing.interpretation.label_columns import label_columns, labelled
 from workbench.recordings.importing.interpretation.questions import Question, choose
 
 _MOST_TESTED = 300
@@ -60,7 +61,9 @@ def find_unnamed(
     robots: those that may be meant. positions: makes the recording of the positions under a mapping. ask: as of
     `ImportOptions`. Raises InputError where several sets fit and nobody can be asked.
     """
-    is_open = mapping.joints is None or mapping.point is None or _lacks_slides(mapping, robots)
+    has_surplus = _has_surplus(mapping, robots)
+    is_open = mapping.joints is None or mapping.point is None or has_surplus
+    is_open = is_open or _lacks_slides(mapping, robots)
     is_other = mapping.measures not in (None, "external-point", "external-pose")
     if not is_open or is_other or mapping.flange_point is not None:
         return mapping, ()
@@ -86,16 +89,27 @@ def find_unnamed(
             tuple(lines),
         )
         chosen = choose(question, ask, best)
-    found_mapping = chosen.mapping
+    return chosen.mapping, (_sentence(table, mapping, chosen, has_surplus),)
+
+
+def _sentence(table: RawTable, mapping: Mapping, chosen: _Found, has_surplus: bool) -> str:
+    """What the headers leave open, and which columns are read; mapping: from the headers."""
+    read = chosen.mapping
     all_joints = "joint readings" if mapping.joints is None else "the readings of all joints"
-    which = [(all_joints, found_mapping.joints)] if mapping.joints != found_mapping.joints else []
-    which += [("the measured point", found_mapping.point)] if mapping.point is None else []
-    named = " and ".join(f"{', '.join(group.columns)} as {what}" for what, group in which)
-    return found_mapping, (
-        f"No header names {' or '.join(what for what, _ in which)}. Of the columns with numbers only one set fits the "
+    if has_surplus:
+        all_joints = f"the readings of the {len(read.joints.columns)} joints"
+    which = [(all_joints, read.joints.columns)] if mapping.joints != read.joints else []
+    which += [("the measured point", read.point.columns)] if mapping.point is None else []
+    labels = tuple(name for name in read.columns if name not in mapping.columns)
+    which += [("the reflector of each row", labels)] if labels else []
+    named = " and ".join(f"{', '.join(columns)} as {what}" for what, columns in which)
+    *first, last = (what for what, _ in which)
+    missing = f"{', '.join(first)} or {last}" if first else last
+    return (
+        f"No header names {missing}. Of the columns with numbers only one set fits the "
         f"robot, and the import reads {named} ({chosen.fit.words})."
-        f"{_handedness(table, found_mapping.point)} If that is wrong, state the "
-        "columns in a mapping file and name it with --map.",
+        f"{_handedness(table, read.point)} If that is wrong, state the "
+        "columns in a mapping file and name it with --map."
     )
 
 
@@ -146,9 +160,12 @@ def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Foun
         if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
             continue
         tried += 1
-        candidate = _fitted(table, replace(mapping, joints=joints, point=point), robot, positions)
-        if candidate is not None:
-            yield candidate
+        columns = replace(mapping, joints=joints, point=point)
+        found = _fitted(table, columns, robot, positions)
+        for name in () if found is not None else label_columns(table, columns):
+            found = found or _fitted(table, labelled(columns, name), robot, positions)
+        if found is not None:
+            yield found
 
 
 def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
@@ -167,14 +184,22 @@ def _lacks_slides(mapping: Mapping, robots: Sequence[Robot]) -> bool:
     return any(0 < known == int((~sliding(robot)).sum()) < len(sliding(robot)) for robot in robots)
 
 
+def _has_surplus(mapping: Mapping, robots: Sequence[Robot]) -> bool:
+    """Whether headers name more joint readings than any robot has joints, as a file name does for all its columns."""
+    if mapping.joints is None or mapping.joints.counts_per_deg is not None:
+        return False
+    return all(len(mapping.joints.columns) > len(sliding(robot)) for robot in robots)
+
+
 def _joint_groups(table: RawTable, mapping: Mapping, robot: Robot) -> list[Group]:
     """Columns that may be the readings of all joints; headers may name them all, or those of the rotating ones."""
     slides = sliding(robot)
     if mapping.joints is None:
         units = [LENGTHS if slide else ANGLES for slide in slides]
         orders = _neighbours(table, mapping, units)
-    elif len(mapping.joints.columns) == len(slides):
-        orders = [mapping.joints.columns]
+    elif len(mapping.joints.columns) >= len(slides):
+        names, count = mapping.joints.columns, len(slides)
+        orders = [names[k : k + count] for k in range(len(names) - count + 1)]
     elif len(mapping.joints.columns) + sum(slides) == len(slides):
         orders = _orders_with_slides(table, mapping, slides)
     else:
