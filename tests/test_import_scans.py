@@ -183,3 +183,13 @@ def test_a_profile_of_which_few_points_are_valid(first, tmp_path):
     (tmp_path / "p.csv").write_text("\n".join(["x,z", *lines]))
     assert is_profile(tmp_path / "p.csv")
     assert len(read_cloud(tmp_path / "p.csv", 5000)) == 90
+
+
+@pytest.mark.parametrize("marker", ["-1e308", "3.4028235e38", "nan"])
+def test_one_point_that_is_farther_than_any_sensor_measures_is_invalid(tmp_path, marker):
+    points = np.random.default_rng(3).normal(size=(60, 3))
+    lines = [" ".join(f"{value:.4f}" for value in point) for point in points]
+    lines[7] = f"1.0 {marker} 118.2"
+    (tmp_path / "scan.xyz").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    read = read_cloud(tmp_path / "scan.xyz", 1000)
+    np.testing.assert_allclose(read, np.delete(points, 7, 0), atol=1e-4)

@@ -15,6 +15,8 @@ EXTENSIONS = {".ply", ".pcd", ".xyz", ".pts"}
 _TEXT_CLOUD = ".asc"
 PROFILES = {".csv", ".txt", ".dat", ".asc", ".tsv"}
 _FEWEST = 4
+_FARTHEST = 1e12
+"""Of any unit of length: larger coordinates, such as the largest float, mark invalid points."""
 _FEWEST_IN_PROFILE, _HEAD_LINES = 20, 400
 _REPEATED, _REPEATED_SHARE, _TIMES_AS_OFTEN = 5, 0.02, 5.0
 """How often a value occurs that marks invalid points: in all, as a share, and over the second most frequent one."""
@@ -69,7 +71,7 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
                 raise complaint(
                     path.name, "a point cloud", f"a damaged one ({problem})", "export it again"
                 ) from None
-    points = without_markers(points[np.isfinite(points).all(1)])
+    points = without_markers(points[(np.abs(points) < _FARTHEST).all(1)])
     if len(points) < _FEWEST:
         raise complaint(
             path.name,
