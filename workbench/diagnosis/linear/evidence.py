@@ -23,7 +23,7 @@ from scipy.special import betainc, logsumexp
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import CHUNK_SIZE, LEAST_NUMBER, ROUNDING
 from workbench.diagnosis.linear.candidates import Scan, step_function
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.problem import POSE_MEANS, Problem
 
 Linear = Callable[[np.ndarray], np.ndarray]
 SIZES = np.geomspace(0.1, 100.0, 7)
@@ -88,9 +88,6 @@ class Projected:
         self.yy = float(self.y @ self.y) / self.design_effect
         self.degrees = max(problem.degrees, 1) / self.design_effect
         self.cache = problem.cache
-        number = problem.ends.numbers(problem.sample)
-        n, size = problem.ends.count * problem.n, len(number)
-        self._sum = csr_array((np.ones(size), (number, np.arange(size))), shape=(n, size))
 
     def column_moments(self, columns: np.ndarray, name: tuple | None = None) -> Moments:
         """columns (C, N, P), already in typical sizes; `name`: of columns that are the problem's own."""
@@ -153,6 +150,14 @@ class Projected:
         """(E n, R) sums over each arm pose's coordinates of values (E N, R)."""
         return self._sum @ values
 
+    @cached_property
+    def _sum(self) -> csr_array:
+        """(E n, E N) of ones, that sums over the coordinates of each arm pose."""
+        problem = self.problem
+        number = problem.ends.numbers(problem.sample)
+        n, size = problem.ends.count * problem.n, len(number)
+        return csr_array((np.ones(size), (number, np.arange(size))), shape=(n, size))
+
     def row_sums(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(k, E n, R) sums over each arm pose's coordinates of rows (k, E N) times columns (E N, R)."""
         n = self.problem.n
@@ -199,17 +204,35 @@ def design_effect(problem: Problem) -> float:
     means: a set of terms that follows every pose would make the repeats seem independent.
     Times that of noise that is correlated from pose to pose.
     """
-    y, basis = _residual(problem), problem.full_basis
+    y = _residual(problem)
     m = len(y) // problem.n
     _, label, count = np.unique(problem.pose, return_inverse=True, return_counts=True)
     if len(count) == problem.n or len(y) != m * problem.n:
         return problem.serial_effect
     cell = np.tile(label, m) + len(count) * np.repeat(np.arange(m), problem.n)
     means = csr_array((1 / np.sqrt(count[label[problem.sample]]), (cell, np.arange(len(y)))))
-    free = m * len(count) - float(((means @ basis) ** 2).sum())
+    free = m * len(count) - _spent_on_means(problem, means)
     shared = float(((means @ y) ** 2).sum()) / max(free, LEAST_NUMBER)
     mean_square = max(float(y @ y), 1e-300) / max(len(y) - problem.rank, 1)
     return problem.serial_effect * max(shared / mean_square, 1.0)
+
+
+def _spent_on_means(problem: Problem, means: csr_array) -> float:
+    """Degrees of freedom that the fit takes from means (M, N) of the samples of each pose: |means Q|^2, Q its basis.
+
+    Of retained effects by the inner products of their columns' means, which are computed once a solution.
+    """
+    spent = float(((means @ problem.basis) ** 2).sum())
+    if problem.retained is None:
+        return spent
+    added, mixing = problem.retained.added, problem.retained.mixing
+
+    def of_all_effects():
+        of_columns = means @ added.columns
+        return of_columns.T @ of_columns
+
+    gram = cached(problem.cache, (POSE_MEANS,), of_all_effects)
+    return spent + float(((gram @ mixing) * mixing).sum())
 
 
 def _residual(problem: Problem) -> np.ndarray:

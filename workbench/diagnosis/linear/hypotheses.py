@@ -102,14 +102,15 @@ def ranked_hypotheses(problem: Problem, required: Sequence = ()) -> list[Hypothe
         (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, required))
     smooth = [*_of_sites(problem, projected)]
     found = [*_named_priors(named), *_smooth_priors(smooth, periods)]
-    free = [h for h in found if not any(_excludes(effect, h) for effect in problem.effects)]
+    present: dict[tuple[str, str], list[Effect]] = {}
+    for effect in problem.effects:
+        present.setdefault((effect.effect, effect.where), []).append(effect)
+    free = [h for h in found if not any(_excludes(e, h) for e in present.get(h.key, ()))]
     return sorted(free, key=lambda h: -h.log_weight)
 
 
 def _excludes(effect: Effect, h: Hypothesis) -> bool:
-    """Whether an effect in the model leaves no room for a hypothesis: the same, or another variant of its law."""
-    if (effect.effect, effect.where) != h.key:
-        return False
+    """Whether an effect in the model, of a hypothesis' `key`, leaves no room for it: another variant of its law."""
     if h.smooth_covariates:
         return effect.names == h.smooth_covariates and all(
             other.options == effect.options for other in h.effects

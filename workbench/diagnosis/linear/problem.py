@@ -26,6 +26,9 @@ from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
 from workbench.diagnosis.linear.retained_subspace import AddedEffects, RetainedSubspace
 
+BLOCK, POSE_MEANS = "block", "pose means"
+"""First word of the names of cached products that depend on the order of the added effects."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -117,7 +120,8 @@ class Problem:
 
     def reordered(self, order: Sequence[int]) -> "Problem":
         """The problem with its effects in another order; cached inner products with the space of all remain valid."""
-        cache = {key: value for key, value in self.cache.items() if key[0] != "block"}
+        of_columns = (BLOCK, POSE_MEANS)
+        cache = {key: value for key, value in self.cache.items() if key[0] not in of_columns}
         if "added" in cache:
             cache["added"] = self.added_effects.reordered(order)
         effects, added, values, precisions = (
@@ -223,7 +227,7 @@ class Problem:
     def orthogonalise(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) component orthogonal to the baseline and to the retained effects: x - Q Q' x."""
         projection = self.basis @ (self.basis.T @ columns)
-        if self.retained is not None:
+        if self.retained is not None and self.retained.mixing.shape[1]:
             added, mixing = self.retained.added.columns, self.retained.mixing
             projection += added @ (mixing @ (mixing.T @ (added.T @ columns)))
         return np.subtract(columns, projection, out=projection)

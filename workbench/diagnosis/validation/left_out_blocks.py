@@ -11,7 +11,7 @@ import numpy as np
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.levels import NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.evidence import cached
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.problem import BLOCK, Problem
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def _block(problem: Problem, rows: np.ndarray) -> Block:
             np.flatnonzero(rows), columns, observed, columns.T @ columns, columns.T @ observed
         )
 
-    return cached(problem.cache, ("block", len(problem.fit_columns), rows.tobytes()), make)
+    return cached(problem.cache, (BLOCK, len(problem.fit_columns), rows.tobytes()), make)
 
 
 def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
