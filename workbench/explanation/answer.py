@@ -22,6 +22,7 @@ from workbench.diagnosis.search.findings import with_equivalent_places
 from workbench.diagnosis.search.select import find, found_terms
 from workbench.diagnosis.validation import proof
 from workbench.diagnosis.validation.correlated_noise import with_correlated_noise
+from workbench.diagnosis.validation.fold_searches import FoldSearches
 from workbench.diagnosis.validation.folds import LEAST_FOLDS, schemes, tested_samples
 from workbench.diagnosis.validation.stability import is_large
 from workbench.explanation.comparison import reference as references
@@ -165,9 +166,7 @@ def _whole(
     recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
-    bench, found, jobs = _searched(bench, say, jobs)
-    noise = FinalModel(bench, found, bench.unit).noise
-    terms, refused, proved = _proved(bench, found, noise, say, jobs)
+    bench, found, (terms, refused, proved) = _found_and_proved(bench, say, jobs)
     last, correlation = _final_model(bench, found, terms)
     found, proved = last.found, last.with_noise(proved)
     terms = _with_noise(last, terms, refused)
@@ -356,15 +355,33 @@ def _warnings(last: FinalModel, recording, terms=(), correlation=None) -> tuple[
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
 
-def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, int]:
-    """The bench, with jitter where images have some, what the first search finds on it, and the processes for its
-    repetitions: several only where it takes long."""
-    start = time.perf_counter()
-    progress = elapsed(say, LEAST_FOLDS)
+def _found_and_proved(bench: Bench, say: _Reporter, jobs: int):
+    """The bench as of `_searched`, what the search finds on it, and what is proved of that, as of `_proved`."""
+    with proof.fold_searches(found_terms, jobs) as searches:
+        bench, found = _searched(bench, say, searches)
+        noise = FinalModel(bench, found, bench.unit).noise
+        return bench, found, _proved(bench, found, noise, say, searches)
+
+
+def _searched(bench: Bench, say: _Reporter, searches: FoldSearches) -> tuple[Bench, Found]:
+    """The bench, with jitter where images have some, and what the first search finds on it.
+
+    searches: those of its repetitions, for which processes are used only where the search takes long. The first ones
+    begin as soon as something is found and the search has taken so long.
+    """
+    start, is_found = time.perf_counter(), False
+    report = elapsed(say, LEAST_FOLDS)
 
     def announce(terms):
+        nonlocal is_found
+        is_found = True
         say.first(statements.first_terms(terms))
         say.provisional(statements.provisional_keys(statements.first_terms(terms), terms))
+
+    def progress(line):
+        report(line)
+        if is_found and bench.chain is not None and time.perf_counter() - start > _LONG_S:
+            _start_folds(bench, searches)
 
     bench, found = with_random_errors(
         bench, lambda sampled: find(sampled, progress=progress, first=announce)
@@ -372,20 +389,28 @@ def _searched(bench: Bench, say: _Reporter, jobs: int) -> tuple[Bench, Found, in
     say.first(statements.preliminary(found))
     say.provisional(statements.provisional_keys(statements.preliminary(found), found.findings))
     used_seconds = time.perf_counter() - start
-    jobs = jobs if used_seconds > _LONG_S else 1
+    searches.jobs = searches.jobs if used_seconds > _LONG_S else 1
     if found.findings:
         counts = [len(scheme.folds) for scheme in schemes(bench.pose, found.before)]
         blocks = max(counts) if is_large(found.findings, bench) else sum(counts)
-        remaining_time = duration(used_seconds * blocks / max(jobs, 1))
+        remaining_time = duration(used_seconds * blocks / searches.jobs)
         say(
             f"the whole search is repeated without each of {blocks} blocks, about {remaining_time} left"
         )
-    return bench, found, jobs
+    return bench, found
 
 
-def _proved(bench, found: Found, noise, say, jobs):
+def _start_folds(bench: Bench, searches: FoldSearches) -> None:
+    """Start the searches without a block on the cores that the search of all samples leaves idle."""
+    if searches.has_begun:
+        return
+    parts = schemes(bench.pose, bench.problem((), hypotheses=False))
+    searches.start(bench, proof.samples_of_folds(parts))
+
+
+def _proved(bench, found: Found, noise, say, searches: FoldSearches):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, jobs)
+    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, searches)
     effects = [e for term in retained for e in term.finding.effects]
     rows = bench.parameters(effects, options=_estimated_options(retained))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)

@@ -10,17 +10,16 @@ workspace, a curve by splits that leave no range of its angle out. The terms tha
 """
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from workbench.core.memory import release_freed_memory
 from workbench.diagnosis.linear.problem import Bench, Finding, Found
 from workbench.diagnosis.validation.controls import controls
 from workbench.diagnosis.validation.correlated_noise import reject_explained_by_correlated_noise
+from workbench.diagnosis.validation.fold_searches import FoldSearches
 from workbench.diagnosis.validation.folds import (
     MAX_TESTED_SAMPLES,
     Scheme,
@@ -55,7 +54,6 @@ from workbench.diagnosis.validation.stability import (
 )
 from workbench.diagnosis.validation.step_places import with_step_places
 from workbench.diagnosis.validation.terms import Proof, Term
-from workbench.machine.processes import local, one_thread
 from workbench.machine.progress import counted, duration
 
 _CLEAR = (
@@ -72,21 +70,22 @@ def prove(
     find: Find,
     noise: tuple[float, str],
     say: Say = lambda text: None,
-    jobs: int = 1,
+    searches: FoldSearches | None = None,
 ):
     """(Proof, terms that stay, terms refused) of what was found on all samples.
 
     find: the search for terms, made inside each fold as find(bench, samples). noise: RMS distance that the
     instrument leaves (mm, px), and how it is known. A term stays where its held-out gain conditional on the others is
-    real, where it is real, too, in what the folds found by themselves, and where it passes its controls. jobs:
-    processes that search the folds.
+    real, where it is real, too, in what the folds found by themselves, and where it passes its controls. searches:
+    those of `fold_searches(find)`, some of which may have begun; None: they are made in this process.
     """
     inliers = ~found.outliers
+    searches = searches or fold_searches(find)
     errors = Errors(bench)
     terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
     terms = with_step_places(bench, terms)
-    searched = partial(_nested_search, bench, found, errors, say=say, jobs=jobs)
-    nested = searched(find, terms) if terms else searched(None, ())
+    searched = partial(_nested_search, bench, found, errors, say=say)
+    nested = searched(searches, terms) if terms else searched(None, ())
     say("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)
     terms, more = _controlled(bench, terms, say)
@@ -185,12 +184,22 @@ def _judged_rows(results: list[Nested], predicted, judges, inliers, sigma) -> li
     return rows
 
 
+def fold_searches(find: Find, jobs: int = 1) -> FoldSearches:
+    """The searches of folds, each with a held-out test of what it finds, in up to so many processes."""
+    return FoldSearches(partial(retained_in_fold, find=find), jobs)
+
+
 def _nested_search(
-    bench, found: Found, errors: Errors, find: Find | None, terms: Sequence[Term], say, jobs: int
+    bench,
+    found: Found,
+    errors: Errors,
+    searches: FoldSearches | None,
+    terms: Sequence[Term],
+    say: Say,
 ) -> list[Nested]:
     """The search repeated inside every fold of the schemes that repeat it; None: there is nothing to be proved."""
     parts = schemes(bench.pose, found.before)
-    if find is None:
+    if searches is None:
         plain = [errors((), scheme.fold) for scheme in parts]
         return [
             Nested(scheme, plain_errors, plain_errors, {}, 0.0)
@@ -198,7 +207,7 @@ def _nested_search(
         ]
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
     searched, results = searched_schemes(bench, terms, parts), []
-    by_scheme = dict(zip(searched, _search_nested(bench, find, searched, say, jobs)))
+    by_scheme = dict(zip(searched, _search_nested(bench, searches, searched, say)))
     for scheme in parts:
         if scheme not in by_scheme:
             plain = errors((), scheme.fold)
@@ -256,22 +265,26 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
 
 
 def _search_nested(
-    bench, find: Find, parts: list[Scheme], say, jobs: int
+    bench, searches: FoldSearches, parts: list[Scheme], say: Say
 ) -> list[dict[int, list[Finding]]]:
     """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold."""
     found: list[dict[int, list[Finding]]] = [{} for _ in parts]
     work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
     start = time.perf_counter()
-    with parallel_searches(bench, partial(retained_in_fold, find=find), jobs) as searched:
-        results = searched([s.fold != k for _, s, k in work])
-        for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
-            found[i][k] = terms
-            seconds_left = (time.perf_counter() - start) / done * (len(work) - done)
-            say(
-                f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
-                f"about {duration(seconds_left)} left"
-            )
+    results = searches.results(bench, samples_of_folds(parts))
+    for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
+        found[i][k] = terms
+        seconds_left = (time.perf_counter() - start) / done * (len(work) - done)
+        say(
+            f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
+            f"about {duration(seconds_left)} left"
+        )
     return found
+
+
+def samples_of_folds(parts: Sequence[Scheme]) -> list[np.ndarray]:
+    """(n,) bool: the samples of each fold of each scheme, all but one block."""
+    return [scheme.fold != k for scheme in parts for k in scheme.folds]
 
 
 def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:
@@ -378,32 +391,3 @@ def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
         else:
             passed.append(controlled)
     return passed, failed
-
-
-Search = Callable[[Bench, np.ndarray], list]
-_held: dict = {}  # of a process that searches: the bench and the search, sent once
-
-
-@contextmanager
-def parallel_searches(
-    bench: Bench, search: Search, jobs: int
-) -> Iterator[Callable[[Iterable[np.ndarray]], Iterator[list]]]:
-    """A function of parts of the samples, each (n,) bool: what `search(bench, part)` gives of each, in their order.
-
-    jobs: processes; with one all is done here.
-    """
-    if jobs == 1:
-        yield lambda parts: (search(bench, part) for part in parts)
-        return
-    release_freed_memory()
-    with local(jobs, "workbench.diagnosis.search.select", _begin, bench, search) as pool:
-        yield lambda parts: pool.map(_search, parts)
-
-
-def _begin(bench, search) -> None:
-    one_thread()
-    _held.update(bench=bench, search=search)
-
-
-def _search(part: np.ndarray) -> list:
-    return _held["search"](_held["bench"], part)

@@ -1,0 +1,88 @@
+"""Searches inside folds that start while the search on all samples still runs."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded
+from workbench.diagnosis.validation.fold_searches import FoldSearches
+from workbench.explanation import answer
+
+PARTS = [np.arange(10) % 5 != k for k in range(5)]
+
+
+def search(folder: str, part: np.ndarray) -> list:
+    """A search that notes that it was made, and by which process."""
+    name = "".join(map(str, part.astype(int)))
+    with open(Path(folder) / name, "a") as file:
+        file.write(f"{os.getpid()}\n")
+    return [name]
+
+
+def noted(folder: Path) -> dict[str, list[str]]:
+    return {path.name: path.read_text().split() for path in folder.iterdir()}
+
+
+def expected(parts) -> list[list[str]]:
+    return [["".join(map(str, part.astype(int)))] for part in parts]
+
+
+def test_one_job_searches_in_this_process_and_starts_nothing_early(tmp_path):
+    with FoldSearches(search, 1) as searches:
+        searches.start(str(tmp_path), PARTS)
+        assert not noted(tmp_path)
+        assert list(searches.results(str(tmp_path), PARTS)) == expected(PARTS)
+    assert all(pids == [str(os.getpid())] for pids in noted(tmp_path).values())
+
+
+def test_parts_that_were_started_early_are_searched_once_and_answered_in_order(tmp_path):
+    bench = str(tmp_path)
+    with FoldSearches(search, 2) as searches:
+        searches.start(bench, PARTS)
+        searches.start(bench, PARTS)
+        assert list(searches.results(bench, PARTS[::-1])) == expected(PARTS[::-1])
+    found = noted(tmp_path)
+    assert len(found) == len(PARTS)
+    assert all(len(pids) == 1 and pids != [str(os.getpid())] for pids in found.values())
+
+
+def test_parts_that_nobody_asks_for_are_given_up(tmp_path):
+    bench = str(tmp_path)
+    with FoldSearches(search, 2) as searches:
+        searches.start(bench, PARTS)
+        assert list(searches.results(bench, PARTS[3:4])) == expected(PARTS[3:4])
+    assert expected(PARTS[3:4])[0][0] in noted(tmp_path)
+
+
+def test_another_bench_gets_processes_of_its_own(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    with FoldSearches(search, 2) as searches:
+        searches.start(str(first), PARTS[:1])
+        assert list(searches.results(str(second), PARTS[:2])) == expected(PARTS[:2])
+    assert len(noted(second)) == 2
+
+
+def test_a_diagnosis_with_folds_that_start_early_is_the_same(monkeypatch):
+    monkeypatch.setattr(answer, "_LONG_S", 0.0)
+    started = []
+    start = FoldSearches.start
+
+    def counted(self, bench, parts):
+        started.append(len(parts))
+        start(self, bench, parts)
+
+    monkeypatch.setattr(FoldSearches, "start", counted)
+    effects = CATALOGUE["joint-compliance"]("joint-2"), CATALOGUE["joint-compliance"]("joint-3")
+    recording = recorded(35, effects, [2e-5, 2e-5], n=80)
+    alone, together = (answer.diagnose(recording, jobs=jobs) for jobs in (1, 2))
+    assert started and min(started) > 5
+    names = [(t.finding.effect, t.finding.where, t.finding.label) for t in alone.terms]
+    assert names == [(t.finding.effect, t.finding.where, t.finding.label) for t in together.terms]
+    for a, b in zip(alone.proof.schemes, together.proof.schemes):
+        assert a["after"] == pytest.approx(b["after"], rel=1e-9)
+        assert a["t"] == pytest.approx(b["t"], rel=1e-9)
