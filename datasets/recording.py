@@ -12,6 +12,11 @@ from datasets.errors import InputError, complaint
 from datasets.samples.columns import BOOKKEEPING, FLANGE, MEASURED, OTHER, SIGMAS, joint_columns
 from workbench.core.rigid import transform
 
+SECTION = "scan_section_mm"
+ROOT = tuple(f"scan_root_{a}{b}" for a in "xyz" for b in "xyz")
+SCAN = frozenset({SECTION, *ROOT})
+"""Columns of a scan whose points are one sample, in memory only: see `robot_model.measurements.ball_scan`."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
@@ -166,7 +171,7 @@ class Recording:
     @property
     def covariates(self) -> dict[str, np.ndarray]:
         """Numeric columns that are neither joints, nor measured, nor bookkeeping; file units."""
-        known = BOOKKEEPING | MEASURED | set(joint_columns(self.columns))
+        known = BOOKKEEPING | MEASURED | SCAN | set(joint_columns(self.columns))
         return {k: v for k, v in self.columns.items() if k not in known and v.dtype.kind == "f"}
 
     @classmethod

@@ -34,6 +34,9 @@ KINDS = {
     "distance": "Distance",
 }
 
+_IN_MEMORY = {"ball-scan": "BallScan"}
+"""Kinds that are made of others, and that no file holds."""
+
 
 def samples_of(recording):
     """The rows of a recording that a calibration takes, one a sample: those of the tool, and of a pair its first.
@@ -67,7 +70,7 @@ _OTHER_COMMAND = {
 
 def check_measures(recording) -> None:
     """Raise InputError for a recording of a kind that does not calibrate an arm, with the command that takes it."""
-    if recording.measures in KINDS:
+    if recording.measures in {**KINDS, **_IN_MEMORY}:
         return
     other = _OTHER_COMMAND.get(recording.measures)
     remedy = f"; use {other} for this recording" if other else ""
@@ -81,4 +84,4 @@ def measurement_of(recording):
     """The measurement that `recording.measures` names; InputError for one that is not known here."""
     check_measures(recording)
     module = import_module("robot_model.measurements." + recording.measures.replace("-", "_"))
-    return getattr(module, KINDS[recording.measures]).of(recording)
+    return getattr(module, {**KINDS, **_IN_MEMORY}[recording.measures]).of(recording)

@@ -45,7 +45,7 @@ class BallSurface:
             index,
             ids,
             balls,
-            recording.poses,
+            _static_poses(recording),
         )
 
     def parameters(self) -> list[Parameter]:
@@ -118,6 +118,24 @@ class BallSurface:
 
     def _centres(self, frames: Frames, is_quick: bool = False) -> tuple[BallCentre, Frames]:
         """Centres of the balls in each static pose that determines them, and the frames of these poses."""
+        _, ball, first, centres = self.scan_centres(frames, is_quick)
+        usable = np.isfinite(centres[0])
+        seen = np.unique(ball[usable])
+        centre = BallCentre(
+            centres[:, usable],
+            np.searchsorted(seen, ball[usable]),
+            tuple(np.asarray(self.ids)[seen].tolist()),
+            self.balls[seen, :3],
+        )
+        return centre, _at(frames, first[usable])
+
+    def scan_centres(
+        self, frames: Frames, is_quick: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Scan (n,) of each point from 0, a scan being the points of one ball in one static pose; index of the ball
+        (P,) and first point (P,) of each scan, and (3, P) mm the ball's centre in the sensor frame, nan where the
+        scan does not determine it. InputError where fewer than four do.
+        """
         pairs, first, scan = np.unique(
             np.stack([self.pose_id, self.index]), axis=1, return_index=True, return_inverse=True
         )
@@ -137,14 +155,7 @@ class BallSurface:
                 "ball-surface: expected at least 4 poses with 4 points of a ball that are not in one plane, or with "
                 f"profiles (y_mm = 0) of a circle, found {usable.sum()}; measure more points a pose"
             )
-        seen = np.unique(ball[usable])
-        centre = BallCentre(
-            centres[:, usable],
-            np.searchsorted(seen, ball[usable]),
-            tuple(np.asarray(self.ids)[seen].tolist()),
-            self.balls[seen, :3],
-        )
-        return centre, _at(frames, first[usable])
+        return scan, ball, first, centres
 
     def _centres_of_profiles(self, scan, ball, frames: Frames, is_quick: bool) -> np.ndarray:
         """(3, P) mm, nan where the points of a profile determine no circle; scan (n,) profile of each point, ball (P,)
@@ -167,6 +178,13 @@ class BallSurface:
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """A distance from a surface moves no coordinate by itself: the measured point as it was."""
         return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured))
+
+
+def _static_poses(recording) -> np.ndarray:
+    """(n,) number of the static pose of each point: two scans with equal joint readings are not one scan."""
+    if "pose" in recording.columns:
+        return np.unique(recording.columns["pose"], return_inverse=True)[1]
+    return recording.poses
 
 
 def _centre(points, radius):

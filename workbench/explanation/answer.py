@@ -10,6 +10,7 @@ import numpy as np
 from datasets.samples.group_names import numbered_as
 from robot_model.effects.steps import TargetShift
 from robot_model.effects.unknown_masses import GravityCompliance
+from robot_model.measurements.ball_scan import KIND as BALL_SCAN
 from workbench.core.errors import InputError
 from workbench.core.model import NOISE
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, UNMODELLED_LEVEL
@@ -108,12 +109,14 @@ def diagnose(
     say("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None
+    # a scan of a ball is one sample for the reference, too
+    compared = bench.recording if bench.recording.measures == BALL_SCAN else recording
     if reference is not None:
-        bench, shares = _against(bench, reference, recording)
+        bench, shares = _against(bench, reference, compared)
         baseline = reference.name
     diagnosis = _whole(recording, bench, baseline, shares, say, jobs)
     diagnosis = replace(diagnosis, given=bench.baseline)
-    return diagnosis if reference is None else with_differences(diagnosis, reference, recording)
+    return diagnosis if reference is None else with_differences(diagnosis, reference, compared)
 
 
 def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:

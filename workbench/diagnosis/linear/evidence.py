@@ -413,7 +413,8 @@ def marginalise_sizes(logs: np.ndarray) -> np.ndarray:
 
 
 def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
-    """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses."""
+    """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses; p = 1 where no degree of freedom
+    would remain."""
     values, vectors = symmetric_eigen(moments.gram)
     seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
@@ -429,7 +430,8 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     remaining_degrees = np.maximum(degrees - rank, 1)
     remaining_share = 1 - gain / max(yy, 1e-300)
     tail = betainc(remaining_degrees / 2, np.maximum(rank, 1) / 2, remaining_share)
-    p = np.where(rank > 0, tail, 1.0)
+    # a set of columns that spends every degree of freedom leaves no variance to test it against
+    p = np.where((rank > 0) & (degrees - rank >= 1), tail, 1.0)
     return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
 
 

@@ -24,6 +24,7 @@ from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
+from workbench.diagnosis.robot.ball_scans import scans_of
 from workbench.diagnosis.robot.derived import (
     deflection_row,
     mass_rows,
@@ -81,13 +82,15 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
         )
     checked = check_samples(recording, trust_data)
     moving = checked.recording
+    if moving.measures == "ball-surface":
+        moving = scans_of(checked.robot, moving)
     _check_enough(moving)
     chain = bind(checked.robot, moving)
     chain = replace(chain, state=with_derived(chain, moving.poses))
     effects = ()
     if baseline == JointCompliance.effect:
         effects = tuple(variant.effect for variant in JointCompliance.candidates(chain))
-    warnings = checked.warnings or moving.warnings
+    warnings = (*moving.warnings, *checked.doubts)
     if chain.places("instrument") and not chain.has_sight_lines:
         warnings = (*warnings, _NO_SIGHT_LINES)
     return RobotBench(chain, moving.poses, effects, moving, warnings)

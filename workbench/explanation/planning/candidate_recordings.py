@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from robot_model.measurements.ball_scan import KIND
 from robot_model.state import State
 from robot_model.system import bind
 from workbench.core.covariates import MotionHistory, clock
@@ -12,6 +13,8 @@ from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.robot.bench import with_derived
 
 POOL = 120
+_BALLS = ("ball-centre", KIND)
+"""Kinds of a sensor on the flange that must see its ball."""
 _LOAD_SHARE = 0.1
 _LEAST_LOAD_KG = 2.0
 _WARMER_K = 10.0
@@ -87,7 +90,7 @@ def list_candidates(bench) -> list[CandidateRecording]:
 
 def _once(recording, rows, pose):
     """Of repeats only the first: one row a pose and target."""
-    target = recording.reflector if recording.measures != "ball-centre" else recording.ball
+    target = recording.ball if recording.measures in _BALLS else recording.reflector
     _, first = np.unique(np.stack([pose, target[rows]]), axis=1, return_index=True)
     first = np.sort(first)
     return rows[first], pose[first]
@@ -99,6 +102,8 @@ def _joined(recording, rows, changed=None):
     extra |= changed or {}
     last = float(np.max(recording.columns.get("sample", np.arange(recording.n))))
     extra["sample"] = last + 1 + np.arange(len(rows))
+    if "row" in recording.columns:
+        extra["row"] = float(recording.columns["row"].max()) + 1 + np.arange(len(rows))
     names = set(recording.columns) | set(extra)
     blank = {name: recording.columns.get(name, np.zeros(recording.n)) for name in names}
     return replace(
@@ -155,7 +160,7 @@ def _more(bench, rows, pose, rng) -> CandidateRecording:
     low = readings.min(1)
     high = readings.max(1)
     count = pose.max() + 1
-    if recording.measures == "ball-centre":
+    if recording.measures in _BALLS:
         fresh = (
             readings[:, rows]
             + 0.03 * (high - low)[:, None] * rng.normal(size=(count, len(names))).T[:, pose]

@@ -1,0 +1,133 @@
+"""Points on balls as scans: one sample a scan, which says as much of the arm as its points, and one instant a pose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from profile_scenes import profile_recording
+from robot_model import load_robot
+from robot_model.system import bind, row_instants
+from scenes import assert_rows, differences
+from test_ball_surface import surface
+from workbench.core.least_squares.solver import solve
+from workbench.core.model import Model
+from workbench.diagnosis.robot.ball_scans import scans_of
+from workbench.explanation.answer import diagnose
+
+
+def test_rows_of_one_pose_are_simultaneous():
+    three_reflectors = row_instants(np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 1, 2, 1]))
+    assert three_reflectors.tolist() == [0, 0, 0, 3, 3, 5]
+    repeats_of_one_pose = row_instants(np.zeros(5, int), np.ones(5, int))
+    assert repeats_of_one_pose.tolist() == [0, 1, 2, 3, 4]
+    assert row_instants(np.arange(4), np.ones(4)).tolist() == [0, 1, 2, 3]
+    returned_to = row_instants(np.array([0, 1, 0]), np.ones(3))
+    assert returned_to.tolist() == [0, 1, 2]
+
+
+def test_points_of_a_profile_share_one_instant_of_the_clock():
+    recording = profile_recording(n=8, each=10)
+    clock = bind(load_robot("ur5"), recording).state.covariates["row"]
+    assert [len(np.unique(clock[recording.poses == k])) for k in range(8)] == [1] * 8
+
+
+def test_profiles_with_equal_joint_readings_are_two_scans():
+    recording = profile_recording(n=8, each=10)
+    columns = dict(recording.columns)
+    second, third = (columns["pose"] == number for number in (2, 3))
+    for name in [f"q{k}_deg" for k in range(1, 7)]:
+        columns[name] = columns[name].copy()
+        columns[name][third] = columns[name][second][0]
+    scans = scans_of(load_robot("ur5"), replace(recording, columns=columns))
+    assert scans.n == 8
+
+
+@pytest.mark.parametrize(
+    "made",
+    [lambda: profile_recording(n=12), lambda: surface(n=12)[1]],
+    ids=("profiles", "clouds"),
+)
+def test_the_jacobian_of_scans_is_the_derivative(made):
+    recording = made()
+    robot = load_robot(recording.robot)
+    model = Model(bind(robot, scans_of(robot, recording)))
+    everything = model.parameters.only(np.ones(len(model.parameters), bool))
+    everything = everything.unpack(everything.pack() + 1e-3)
+    expected = differences(lambda x: model.residual(everything.unpack(x)), everything.pack(), 1e-6)
+    assert_rows(model.linearise(everything)[1], expected, 1e-4)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [lambda: profile_recording(n=40, each=80), lambda: surface(n=40, each=40, sigma=0.02)[1]],
+    ids=("profiles", "clouds"),
+)
+def test_a_scan_says_as_much_as_its_points(made):
+    """Estimates and their covariance from scans are those from all points: a scan is a sufficient statistic.
+
+    Points of a profile are weighted otherwise: in space where they are fitted, in the light plane where a scan is.
+    """
+    recording = made()
+    robot = load_robot(recording.robot)
+    points_of_a_scan = recording.n / len(np.unique(recording.columns["pose"]))
+    scans = replace(scans_of(robot, recording), sigma_mm=0.02 / np.sqrt(points_of_a_scan))
+    start = bind(robot, recording).start  # any rotation about one ball: the same for both
+    fits = []
+    for samples in (replace(recording, sigma_mm=0.02), scans):
+        model = Model(bind(robot, samples, start))
+        free = ("base.x", "base.y", "base.z", "sensor.*", "joint-2.theta2", "joint-3.a3")
+        fits.append(solve(model, model.parameters.free(*free)))
+    of_points, of_scans = fits
+    free = of_points.parameters.mask
+    apart = (of_points.parameters.values - of_scans.parameters.values)[free]
+    is_cloud = np.ptp(recording.points[:, 1]) > 0
+    squared_deviations = apart @ of_points.normal @ apart / free.sum()
+    information = np.trace(np.linalg.solve(of_points.normal, of_scans.normal)) / free.sum()
+    assert squared_deviations < (0.02 if is_cloud else 0.5)
+    assert information == pytest.approx(1 if is_cloud else 1.2, abs=0.02 if is_cloud else 0.2)
+
+
+def test_points_far_from_the_ball_are_left_out_and_reported():
+    recording = profile_recording(n=8)
+    columns = dict(recording.columns) | {"z_mm": recording.columns["z_mm"].copy()}
+    columns["z_mm"][[30, 100]] += 3.0
+    scans = scans_of(load_robot("ur5"), replace(recording, columns=columns))
+    clean = scans_of(load_robot("ur5"), recording)
+    assert np.abs(scans.points - clean.points).max() < 0.02
+    assert any(warning.startswith("2 of ") for warning in scans.warnings)
+
+
+def test_a_scan_that_determines_no_ball_is_left_out_and_reported():
+    recording = profile_recording(n=8)
+    few = recording.select((recording.columns["pose"] != 3) | (np.arange(recording.n) % 30 == 0))
+    scans = scans_of(load_robot("ur5"), few)
+    assert scans.n == 7 and 3 not in scans.sample_ids
+    assert any("1 of 8 scans do not determine a ball" in warning for warning in scans.warnings)
+
+
+@pytest.mark.parametrize(("n", "each", "seed"), [(14, 300, 1), (30, 100, 2), (50, 60, 3)])
+def test_clean_profiles_show_no_effect(n, each, seed):
+    diagnosis = diagnose(profile_recording(n, each, seed))
+    assert diagnosis.verdict == "consistent"
+    assert not diagnosis.terms and diagnosis.samples == n
+
+
+def test_a_transmission_harmonic_in_profiles_is_named():
+    def error(joints):
+        return 4e-4 * np.cos(2 * joints[:, [2]] + 0.7) * (np.arange(6) == 2)
+
+    diagnosis = diagnose(profile_recording(40, 100, 4, error=error))
+    (term,) = diagnosis.terms
+    assert (term.finding.effect, term.finding.where) == ("transmission-harmonic", "joint-3")
+    assert diagnosis.verdict in ("explained", "ambiguous")
+
+
+def test_a_step_begins_between_two_poses():
+    moved = np.where(np.arange(36)[:, None] < 18, 0.0, [0.2, -0.1, 0.15])
+    diagnosis = diagnose(profile_recording(36, 80, 5, moved=moved))
+    (term,) = diagnosis.terms
+    assert "between samples 18 and 19" in term.statement
+    assert (
+        0.05 < term.size < 0.3
+    )  # of 0.27 mm a part is absorbed by the geometry, and half the poses moved

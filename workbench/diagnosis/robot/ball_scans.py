@@ -1,0 +1,183 @@
+"""Points on balls (kind ball-surface) as scans: one sample for each ball of each static pose.
+
+The points of a scan share the pose, and all that an arm does to it. As samples of their own they would count what few
+poses say as often as there are points, and a step or a drift could begin between two points of one scan.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from datasets.recording import ROOT, SECTION, Recording
+from datasets.samples.columns import SIGMAS
+from robot_model.chain import forward
+from robot_model.measurements.ball_scan import KIND
+from robot_model.measurements.ball_surface import BallSurface
+from robot_model.robot import Robot
+from sensors.hand_eye.circles import fit_circles
+from workbench.core.distributions import MEDIAN_TO_SIGMA
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+
+_POINT = ("x_mm", "y_mm", "z_mm")
+_OF_POINTS = ("sigma_mm", *SIGMAS)
+_FAR = 6.0  # robust standard deviations beyond which a point is not of the ball's surface
+_FEWEST = 4
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Fit of P scans: `centre` (3, P) mm, `section` (P,) mm or nan, `gram` (P, 3, 3), `gap` (n,) mm of each point."""
+
+    centre: np.ndarray
+    section: np.ndarray
+    gram: np.ndarray
+    gap: np.ndarray
+
+
+def scans_of(robot: Robot, recording: Recording) -> Recording:
+    """The recording with one row for each scan that determines its ball, in the order of their first points.
+
+    recording: the moving rows, kind ball-surface. Its warnings say which scans and points are left out. The noise of
+    points is none of a scan, whose pose has errors of its own: it is unknown. Raises InputError where fewer than four
+    scans determine a ball.
+    """
+    surface = BallSurface.of(recording)
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    scan, ball, first, centre = surface.scan_centres(frames)
+    in_order = np.argsort(first, kind="stable")
+    place = np.argsort(in_order)
+    scan, ball, first, centre = place[scan], ball[in_order], first[in_order], centre[:, in_order]
+    is_usable = np.isfinite(centre[0])
+    radius = surface.balls[ball, 3]
+    fitted, used = _fitted(surface.measured, scan, centre, radius, is_usable)
+    said = _left_out(recording, scan, first, is_usable, used)
+    kept = np.flatnonzero(is_usable)
+    columns = _means(recording, scan, used, first)
+    columns |= dict(zip(_POINT, fitted.centre)) | {SECTION: fitted.section}
+    root = _square_roots(fitted.gram).reshape(-1, 9)
+    columns |= dict(zip(ROOT, root.T))
+    columns |= {"sample": _numbers(recording, first), "row": first.astype(float)}
+    return replace(
+        recording,
+        measures=KIND,
+        columns={name: cells[kept] for name, cells in columns.items()},
+        sigma_mm=None,
+        warnings=(*recording.warnings, *said),
+    )
+
+
+def _fitted(points, scan, centre, radius, is_usable) -> tuple[_Surface, np.ndarray]:
+    """The fit of each usable scan without points far off its surface, and (n,) True for the points that count."""
+    used = is_usable[scan]
+    is_profile = bool((points[1] == 0).all())
+    fit = _fit_profiles if is_profile else _fit_clouds
+    fitted = fit(points, scan, used, centre, radius)
+    spread = np.array([_spread(fitted.gap[used & (scan == k)]) for k in range(len(radius))])
+    near = used & (np.abs(fitted.gap) <= _FAR * spread[scan])
+    is_left = np.bincount(scan[near], minlength=len(radius)) >= _FEWEST
+    near |= used & ~is_left[scan]
+    if (near != used).any():
+        fitted = fit(points, scan, near, centre, radius)
+    return fitted, near
+
+
+def _spread(gap: np.ndarray) -> float:
+    return MEDIAN_TO_SIGMA * float(np.median(np.abs(gap))) if len(gap) else np.inf
+
+
+def _fit_profiles(points, scan, used, centre, radius) -> _Surface:
+    """Circles by least squares of the distances in the plane; the sign of y is that of the nominal arm."""
+    count = len(radius)
+    present = np.unique(scan[used])
+    label = np.searchsorted(present, scan).clip(0, len(present) - 1)
+    flat = points[[0, 2]]
+    names = [f"scan {k + 1}" for k in present]
+    middle, section = np.full((2, count), np.nan), np.full(count, np.nan)
+    middle[:, present], section[present] = fit_circles(flat, label, used, names)
+    out = flat - middle[:, scan]
+    far = np.hypot(*out)
+    # noise lies in the plane: a distance from the circle there, not one from the ball's surface in space
+    steepness = (radius / section)[scan]
+    rows = np.stack([-out[0] / far, steepness, -out[1] / far])
+    y = np.sqrt(np.maximum(radius**2 - section**2, 0.0)) * np.where(centre[1] < 0, -1.0, 1.0)
+    seen = np.stack([middle[0], y, middle[1]])
+    return _Surface(seen, section, _gram(rows, scan, used, count), far - section[scan])
+
+
+def _fit_clouds(points, scan, used, centre, radius, steps: int = 10) -> _Surface:
+    """Balls of known radius by Gauss-Newton."""
+    count = len(radius)
+    for _ in range(steps):
+        out = points - centre[:, scan]
+        far = np.sqrt((out**2).sum(0))
+        gap = far - radius[scan]
+        rows = out / far
+        gram = _gram(rows, scan, used, count)
+        right = np.stack([_sums(row * gap, scan, used, count) for row in rows], axis=1)
+        right = right / np.maximum(np.bincount(scan[used], minlength=count), 1)[:, None]
+        is_fitted = np.isfinite(right).all(1) & (np.abs(np.linalg.det(gram)) > 1e-12)
+        step = np.zeros((count, 3))
+        step[is_fitted] = np.linalg.solve(gram[is_fitted], right[is_fitted][..., None])[..., 0]
+        centre = centre + step.T
+    return _Surface(centre, np.full(count, np.nan), gram, gap)
+
+
+def _sums(values, scan, used, count) -> np.ndarray:
+    return np.bincount(scan[used], values[used], count)
+
+
+def _gram(rows, scan, used, count) -> np.ndarray:
+    """(P, 3, 3) mean over the points of each scan of the products of rows (3, n)."""
+    number = np.maximum(np.bincount(scan[used], minlength=count), 1)
+    products = [[_sums(p * q, scan, used, count) / number for q in rows] for p in rows]
+    return np.moveaxis(np.array(products), -1, 0)
+
+
+def _square_roots(gram: np.ndarray) -> np.ndarray:
+    """(P, 3, 3) symmetric square roots; nan where the scan is not usable."""
+    roots = np.full_like(gram, np.nan)
+    is_known = np.isfinite(gram).all((1, 2))
+    values, vectors = symmetric_eigen(gram[is_known])
+    scaled = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    roots[is_known] = scaled @ vectors.swapaxes(1, 2)
+    return roots
+
+
+def _means(recording: Recording, scan, used, first) -> dict[str, np.ndarray]:
+    """Columns with one value a scan: means of covariates over its points, else the value of its first point."""
+    count = len(first)
+    number = np.maximum(np.bincount(scan[used], minlength=count), 1)
+    columns = {name: cells[first] for name, cells in recording.columns.items()}
+    for name, cells in recording.covariates.items():
+        if np.ptp(cells) > 0:
+            columns[name] = _sums(cells, scan, used, count) / number
+    return {name: cells for name, cells in columns.items() if name not in _OF_POINTS}
+
+
+def _numbers(recording: Recording, first) -> np.ndarray:
+    """(P,) the number of the pose of each scan where no two have the same, else 1, 2, ..."""
+    if "pose" in recording.columns:
+        numbers = recording.columns["pose"][first]
+        if len(np.unique(numbers)) == len(first):
+            return numbers
+    return np.arange(1.0, len(first) + 1)
+
+
+def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, ...]:
+    """Sentences on scans and points that are left out."""
+    said = []
+    numbers = recording.sample_ids[first]
+    lost = numbers[~is_usable]
+    if len(lost):
+        shown = ", ".join(f"{number}" for number in lost[:5])
+        said.append(
+            f"{len(lost)} of {len(first)} scans do not determine a ball and are left out: those that begin with "
+            f"sample {shown}{', ...' if len(lost) > 5 else ''}. Measure more points there."
+        )
+    far = is_usable[scan] & ~used
+    if far.any():
+        said.append(
+            f"{int(far.sum())} of {len(scan)} points are more than {_FAR:g} standard deviations off the ball in their "
+            "scan and are left out of the diagnosis."
+        )
+    return tuple(said)
