@@ -14,7 +14,7 @@ from scenes import model_of, scene
 from workbench.diagnosis.robot.derived import reflector_rows
 from workbench.explanation.answer import diagnose
 from workbench.explanation.sentences.plausible_values import implausible_values
-from workbench.explanation.sentences.statements import with_sample_numbers
+from workbench.explanation.sentences.statements import instants_in_brackets, with_sample_numbers
 
 
 def away(points):
@@ -86,6 +86,12 @@ def test_instants_are_between_two_samples():
     assert said == "a step (between samples 3 and 5)"
     said = with_sample_numbers("a step (after 25 s): 3 mm", 10 * order, ids)
     assert said == "a step (at 25 s, between samples 3 and 5): 3 mm"
+
+
+def test_next_experiment_names_samples_in_brackets_only():
+    order, ids = np.arange(5.0), np.array([1, 2, 3, 5, 6])
+    said = instants_in_brackets("zero-shift (after row 2.5) at joint 3, after 2 more", order, ids)
+    assert said == "zero-shift (between samples 3 and 5) at joint 3, after 2 more"
 
 
 @pytest.mark.parametrize("name", ["azimuth-harmonic", "elevation-harmonic"])

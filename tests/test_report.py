@@ -170,6 +170,7 @@ def fake(n=240, sigma=0.02, points=None, seed=5):
         points=points,
         residual_in_root=residual,
         suspects=(17,),
+        warnings=(),
         provenance={"seed": 1, "versions": {"numpy": "2"}, "command": "calibrate fake"},
         rotation={},
         stiffness=[STIFFNESS],
@@ -439,3 +440,18 @@ def test_long_list_of_ties_is_cut_and_says_how_much():
         parameters.shortened(words)
         == "a is confounded with b, c, d, e, f, g, h, i and 5 more (listed in the JSON)"
     )
+
+
+def test_verdict_and_warnings_of_the_terminal_are_on_the_page(tmp_path):
+    made = fake()
+    made.warnings = (
+        "samples.csv: the zero of joint 3 has moved; find it with `workbench diagnose`",
+    )
+    verdict = "Held-out RMS position error 0.18 mm; it is 5.1 times the noise."
+    page = own_text(write_report(made, tmp_path, verdict=verdict).read_text(encoding="utf-8"))
+    header = page[: page.index("<nav>")]
+    assert verdict in header
+    assert (
+        '<p class="warning">Warning: samples.csv: the zero of joint 3 has moved; find it with '
+        "<code>workbench diagnose</code>.</p>"
+    ) in header

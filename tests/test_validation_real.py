@@ -59,7 +59,9 @@ def test_motoman_hands(recording, hand, limit):
     A stage that later ones make superfluous is left out at the end: the result has the error without it."""
     found = calibrate(recording(f"motoman_leica_ctu:{hand}"))
     assert held_out(found)["geometry"] <= limit
-    left_out = [s.sentence for s in found.stages if "no longer earned" in s.sentence]
+    left_out = [
+        s.sentence for s in found.stages if "without a significant gain after" in s.sentence
+    ]
     chosen = kept(found)[:-1] if left_out else kept(found)  # the last row is then the result
     assert all(after < before for before, after in pairwise(chosen))
     if left_out:

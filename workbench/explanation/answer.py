@@ -73,7 +73,7 @@ from workbench.machine.progress import duration, elapsed
 
 IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
-    "The file of the robot {robot} states no masses: deflection under gravity is found only as the product of "
+    "The robot file of {robot!r} states no masses: deflection under gravity is found only as the product of "
     "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
 _LONG_S = 1.0  # a search beyond which processes are worth their start
@@ -238,7 +238,9 @@ def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
         text = statements.statement(term, point, diagnosis.unit)
         own = _own_samples(last.bench.chain, term)
         sentences.append(statements.with_sample_numbers(text, order[own], last.ids[own]))
-    return with_statements(diagnosis, sentences)
+    planned = statements.instants_in_brackets(diagnosis.experiment.sentence, order, last.ids)
+    experiment = replace(diagnosis.experiment, sentence=planned)
+    return with_statements(replace(diagnosis, experiment=experiment), sentences)
 
 
 def _own_samples(chain, term: Term) -> np.ndarray | slice:

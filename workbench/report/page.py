@@ -21,16 +21,20 @@ def silent(text: str) -> None:
 
 
 def write_report(
-    calibration, folder: Path, more: Sequence[Section] = (), progress: Progress = silent
+    calibration,
+    folder: Path,
+    more: Sequence[Section] = (),
+    progress: Progress = silent,
+    verdict: str = "",
 ) -> Path:
     """Write `report.html`, and `summary.png` if it can be drawn, into an existing folder.
 
     calibration: a `workbench.jobs.robot.calibrate.Calibration`; more: further sections, placed before the provenance.
-    progress: called with one line a step.
+    progress: called with one line a step. verdict: the sentences that judge the held-out errors, "" for none.
     Returns the path of the page. Raises InputError if the folder is not writable.
     """
     path = Path(folder) / PAGE
-    replace_file(path, page(calibration, more, progress))
+    replace_file(path, page(calibration, more, progress, verdict))
     progress("drawing the summary image")
     write_summary(calibration, spread.errors_of(calibration), path.with_name(IMAGE))
     return path
@@ -43,9 +47,11 @@ def write_sheet(report_page: Page, folder: Path) -> Path:
     return path
 
 
-def page(calibration, more: Sequence[Section] = (), progress: Progress = silent) -> str:
+def page(
+    calibration, more: Sequence[Section] = (), progress: Progress = silent, verdict: str = ""
+) -> str:
     """The HTML text of the report."""
-    return _rendered("page.html.j2", more=more, **sections(calibration, progress))
+    return _rendered("page.html.j2", more=more, **sections(calibration, progress, verdict))
 
 
 def _rendered(template: str, **values) -> str:
@@ -76,12 +82,12 @@ def marked(text: str):
     return around[0] + Markup("").join(a + b for a, b in zip(codes, around[1:]))
 
 
-def sections(calibration, progress: Progress = silent) -> dict[str, dict]:
+def sections(calibration, progress: Progress = silent, verdict: str = "") -> dict[str, dict]:
     """Content of each section, by its name in the template; progress: called with one line before each."""
     errors = spread.errors_of(calibration)
     rotation = spread.rotation_errors_of(calibration)
     builders = {
-        "headline": lambda: headline.section(calibration, errors, rotation),
+        "headline": lambda: headline.section(calibration, errors, rotation, verdict),
         "stages": lambda: stages.section(calibration),
         "spread": lambda: spread.section(calibration, errors, rotation),
         "parameters": lambda: parameters.section(calibration),

@@ -84,7 +84,7 @@ def solve_into(
     save(calibration, folder)
     if report:
         say("writing the report")
-        _report(calibration, scans, folder, say)
+        _report(calibration, scans, folder, say, verdict.sentence)
     runs.replace_file(folder / "answer.json", answer.as_text(result))
     return result
 
@@ -130,7 +130,7 @@ def deliver(result: dict, run: runs.Run, json: str | None) -> None:
     answer.conclude(console, result, run.path)
 
 
-def _report(calibration, scans, folder: Path, say) -> None:
+def _report(calibration, scans, folder: Path, say, verdict: str) -> None:
     from workbench.report.page import write_report
 
     more = ()
@@ -138,4 +138,4 @@ def _report(calibration, scans, folder: Path, say) -> None:
         from workbench.report.sensor.scan import chain
 
         more = chain(scans)
-    write_report(calibration, folder, more, say)
+    write_report(calibration, folder, more, say, verdict)

@@ -301,7 +301,8 @@ def unidentified(parameters: Sequence[Mapping]) -> str:
     at_zero = sum(row["status"] == "at zero" for row in missing)
     estimated = len(parameters) - len(missing)
     bounded = (
-        f"{at_zero} cannot be negative and are held at zero, since their estimate is. "
+        f"{at_zero} cannot be negative, {'was' if at_zero == 1 else 'were'} estimated below zero and "
+        f"{'is' if at_zero == 1 else 'are'} held at zero. "
         if at_zero
         else ""
     )

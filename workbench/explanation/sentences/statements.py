@@ -62,6 +62,11 @@ def with_sample_numbers(text: str, order: np.ndarray, ids: np.ndarray) -> str:
     return _INSTANT.sub(name, text)
 
 
+def instants_in_brackets(text: str, order: np.ndarray, ids: np.ndarray) -> str:
+    """`with_sample_numbers` of what stands in brackets alone: "zero-shift (between samples 29 and 30) at joint 3"."""
+    return _IN_BRACKETS.sub(lambda found: with_sample_numbers(found[0], order, ids), text)
+
+
 def statement(term: Term, tip: str, unit: str) -> str:
     """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
     found = term.finding

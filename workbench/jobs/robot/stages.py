@@ -133,9 +133,7 @@ def _prune(nominal: Step, step: Step, rows, split, progress) -> Chosen:
             continue
         if not is_retained(without, step, tests, split.fit):
             change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
-            sentence = (
-                f"{result.sentence}; no longer earned after the later stages ({change}): left out"
-            )
+            sentence = f"{result.sentence}; without a significant gain after the later stages ({change}): left out"
             rows[k] = stage, replace(result, earned=False, sentence=sentence)
             progress(rows[k][1].sentence)
             step = without

@@ -68,8 +68,11 @@ class CartesianStiffness:
         }
 
     def translational(self) -> np.ndarray:
-        """(n, 3) mm/N: least, middle and largest translation per force without a moment, over all directions."""
-        return np.linalg.eigvalsh(self.total[:, _FORCE, _FORCE])
+        """(n, 3) mm/N: least, middle and largest translation per force without a moment, over all directions.
+
+        A compliance matrix has no negative eigenvalue: what rounding leaves below zero is zero.
+        """
+        return np.maximum(np.linalg.eigvalsh(self.total[:, _FORCE, _FORCE]), 0.0)
 
     def models(self, wrench=None) -> dict[str, np.ndarray]:
         """Model of `MODELS` -> (n,) mm: translation under a wrench, or the largest per newton of force."""

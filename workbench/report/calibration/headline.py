@@ -6,8 +6,11 @@ from workbench.report.calibration.errors import FIGURES, POSITION, ROTATION, Kin
 from workbench.report.text import counted, rounded
 
 
-def section(calibration, errors, rotation=None) -> dict:
-    """Title, four large numbers for each kind of error, and the sentences below them."""
+def section(calibration, errors, rotation=None, verdict: str = "") -> dict:
+    """Title, four large numbers for each kind of error, and the sentences below them.
+
+    verdict: the sentences that judge the held-out errors.
+    """
     recording = calibration.recording
     held_out = calibration.held_out
     return {
@@ -21,6 +24,8 @@ def section(calibration, errors, rotation=None) -> dict:
         "meaning": meaning(calibration, errors.held),
         "gain": gain(calibration),
         "caution": caution(calibration),
+        "verdict": verdict,
+        "warnings": [f"Warning: {text.rstrip('.')}." for text in calibration.warnings],
         "warning": ""
         if calibration.solution.converged
         else f"The solver {calibration.solution.outcome}.",

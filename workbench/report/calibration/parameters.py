@@ -58,7 +58,7 @@ def count(parameters) -> str:
     """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
     bounded = (
-        f"{statuses['at zero']} cannot be negative and are held at zero, "
+        f"{statuses['at zero']} cannot be negative and {'is' if statuses['at zero'] == 1 else 'are'} held at zero, "
         if statuses["at zero"]
         else ""
     )

@@ -119,9 +119,9 @@ def _lead(diagnosis: Diagnosis):
         f"folds{scheme}. The complete "
         "search is repeated inside every fold; repeats of one pose are never on both sides."
     )
-    yield f"The baseline: {diagnosis.baseline}." + (
-        f" {' '.join(diagnosis.warnings)}" if diagnosis.warnings else ""
-    )
+    yield f"The baseline: {diagnosis.baseline}."
+    for warning in diagnosis.warnings:
+        yield f"Warning: {warning.rstrip('.')}."
 
 
 def _findings(diagnosis: Diagnosis):
