@@ -93,8 +93,12 @@ def noise_of(diagnosis, recording, held_out: Mapping) -> NoiseReport | None:
     """
     moving = samples_of(recording)
     residual = diagnosis.views.after[:3]
+    if (
+        residual.shape[1] != moving.n
+    ):  # a scan of a ball is one sample, and its noise is not that of points
+        return None
     usual = ~np.isin(moving.sample_ids, diagnosis.outliers) & np.isfinite(residual).all(0)
-    if residual.shape[1] != moving.n or not usual.any():
+    if not usual.any():
         return None
     remaining = residual[:, usual]
     components = len(residual)
