@@ -196,16 +196,43 @@ class _Task:
         return ""
 
 
+def with_radius_variance(fit: BallFit, variance: float) -> BallFit:
+    """The fit whose estimated radius has this variance (mm^2) in addition: errors that the fit does not know.
+
+    With a known radius that is the one in `free`, with which it is compared again.
+    """
+    if fit.free is not None:
+        return compared_with(fit, with_radius_variance(fit.free, variance))
+    covariance = fit.covariance.copy()
+    covariance[3, 3] += variance
+    return replace(fit, covariance=covariance)
+
+
+def compared_with(fit: BallFit, free: BallFit) -> BallFit:
+    """A fit of known radius, compared with another `free` one than before."""
+    warning = _radius_warning(fit)
+    warnings = tuple(text for text in fit.warnings if text != warning)
+    outcome = fit.outcome.removesuffix(f"; {warning}") if warning else fit.outcome
+    return _compared(replace(fit, warnings=warnings, outcome=outcome), free)
+
+
 def _compared(fit: BallFit, free: BallFit) -> BallFit:
     """A fit of known radius, compared with the `free` one."""
     fit = replace(fit, free=free)
-    if not abs(fit.radius_gap) > _CHANCE:
+    warning = _radius_warning(fit)
+    if not warning:
         return fit
-    warning = (
-        f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({free.radius:.4f} instead of "
+    return replace(fit, warnings=(*fit.warnings, warning), outcome=f"{fit.outcome}; {warning}")
+
+
+def _radius_warning(fit: BallFit) -> str:
+    """That the radius of `free` differs from the stated one significantly, "" where it does not."""
+    if not abs(fit.radius_gap) > _CHANCE:
+        return ""
+    return (
+        f"radius differs from the stated one by {abs(fit.radius_gap):.3g} sigma ({fit.free.radius:.4f} instead of "
         f"{fit.radius:.4f} mm); with its own the centre moves by {1000 * fit.centre_moves:.3g} um"
     )
-    return replace(fit, warnings=(*fit.warnings, warning), outcome=f"{fit.outcome}; {warning}")
 
 
 def _of(array, chosen):

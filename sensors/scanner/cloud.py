@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from sensors.ball.point_errors import plane_error, stripe_error
+from sensors.ball.result import BallFit
 from sensors.ball.shared import Common
 from sensors.scanner.errors import by_rays
 from sensors.scanner.model import Scanner
@@ -101,6 +102,15 @@ class Cloud:
         outward = on.points - centre[:, None]
         outward = outward / np.linalg.norm(outward, axis=0)
         return on.motion.centre_covariance(on.scanner, on.local, on._seen, outward)
+
+    def common_radius_variance(self, fit: BallFit) -> float:
+        """mm^2, variance of a fitted radius from the same errors; zero where neither sensor nor object moves."""
+        if self.motion is None:
+            return 0.0
+        on = self.some(fit.inliers)
+        outward = on.points - fit.centre[:, None]
+        outward = outward / np.linalg.norm(outward, axis=0)
+        return on.motion.radius_variance(on.scanner, on.local, on._seen, outward)
 
     def stated_variance(self, outward: np.ndarray) -> np.ndarray | None:
         """(n,) mm^2 by which points scatter along unit normals (3, n) by the stated error of each image's own pose;

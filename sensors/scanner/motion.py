@@ -115,6 +115,18 @@ class Motion:
         """
         return _of_centre(_moved(self.common[image], points), self.common_covariance, outward)
 
+    def common_of_radius(self, points: np.ndarray, image: np.ndarray, outward: np.ndarray) -> float:
+        """mm^2, variance of a fitted radius from errors of the motion that all images share; arguments as of
+        `common_of_centre`."""
+        return _of_radius(_moved(self.common[image], points), self.common_covariance, outward)
+
+    def radius_variance(
+        self, scanner: LightPlanes, local: np.ndarray, seen: "Seen", outward: np.ndarray
+    ) -> float:
+        """mm^2, variance of a fitted radius from the same errors; arguments as of `centre_covariance`."""
+        moves, covariance = self._systematic(scanner, local, seen)
+        return _of_radius(moves, covariance, outward)
+
     def centre_covariance(
         self, scanner: LightPlanes, local: np.ndarray, seen: "Seen", outward: np.ndarray
     ) -> np.ndarray:
@@ -144,6 +156,14 @@ def _of_centre(moves, covariance, outward) -> np.ndarray:
     across = np.einsum("in,kin->kn", outward, moves)
     gain = np.linalg.solve(outward @ outward.T, outward @ across.T)
     return gain @ covariance @ gain.T
+
+
+def _of_radius(moves, covariance, outward) -> float:
+    """mm^2, of the radius in the least-squares solution of n.c + r = n.d."""
+    across = np.einsum("in,kin->kn", outward, moves)
+    columns = np.concatenate([outward, np.ones((1, outward.shape[1]))])
+    gain = np.linalg.lstsq(columns.T, across.T, rcond=None)[0][3]
+    return float(gain @ covariance @ gain)
 
 
 def _of_planes(scanner: LightPlanes, local, place) -> tuple[np.ndarray, np.ndarray]:

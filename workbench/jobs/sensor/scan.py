@@ -11,7 +11,7 @@ import numpy as np
 from datasets.recording import Recording
 from datasets.recording_files.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
-from sensors.ball.fit import fit_ball
+from sensors.ball.fit import fit_ball, with_radius_variance
 from sensors.ball.result import ELSEWHERE, INCIDENCE, MISSING, BallFit
 from sensors.ball.search import Refusal, find_balls
 from sensors.ball.single_stripe import undetermined
@@ -364,6 +364,8 @@ class _Work:
         straight = cloud.points - cloud.error * pull.size
         lit = pull.bend.lit > np.cos(columns_of_ball["incidence"])
         fit = _fitted(straight, cloud.view, lit, radius, start, columns_of_ball)
+        if fit and len(fit.reason) == len(lit):
+            fit = with_radius_variance(fit, cloud.common_radius_variance(fit))
         beyond = self._beyond(cloud.local[2])
         other = (fit if radius is None else fit.free) or free
         misfit = self._misfit(fit or free, straight, cloud)

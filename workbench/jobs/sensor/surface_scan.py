@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from datasets.recording import Recording
-from sensors.ball.fit import fit_ball
+from sensors.ball.fit import compared_with, fit_ball, with_radius_variance
 from sensors.ball.result import BallFit
 from sensors.ball.shared import Shared
+from sensors.hand_eye.result import HandEye
 from sensors.scanner.motion import Motion
 from workbench.core.errors import InputError
 from workbench.files.images.flange import flange_poses
@@ -32,7 +33,7 @@ def join_surface(
     hand_eye_file: the hand-eye transform, None estimates it from the same points. folder: where the cloud goes, a PLY
     file. Raises InputError.
     """
-    known = _hand_eye(recording, hand_eye_file, progress)
+    known, free = _hand_eye(recording, hand_eye_file, progress)
     pose = np.unique(recording.poses, return_inverse=True)[1]
     first = np.unique(pose, return_index=True)[1]
     motion = moved_by_robot(flange_poses(recording)[first], known)
@@ -41,7 +42,7 @@ def join_surface(
     file = f"{CLOUDS}/{NAME}.ply"
     write_cloud(folder / file, points[:, np.isfinite(points).all(0)])
     progress(f"balls in {points.shape[1]} points of {len(first)} poses")
-    balls, outcome = _balls(recording, motion, points, pose)
+    balls, outcome = _balls(recording, motion, points, pose, free)
     some = np.linspace(0, points.shape[1] - 1, min(points.shape[1], _DRAWN)).astype(int)
     accepted = figures(recording, {}, balls)
     scan = Scan(
@@ -60,25 +61,28 @@ def join_surface(
     return Scans(recording, None, None, [scan], folder.parent)
 
 
-def _hand_eye(recording, hand_eye_file, progress) -> KnownHandEye:
+def _hand_eye(recording, hand_eye_file, progress) -> tuple[KnownHandEye, HandEye | None]:
+    """The hand-eye transform; and that with a radius of its own, where both were estimated from the same profiles."""
     if hand_eye_file is not None:
-        return read_known(hand_eye_file)
+        return read_known(hand_eye_file), None
     from workbench.jobs.sensor import hand_eye
 
-    hand_eye_run = hand_eye.calibrate(recording, None, None, progress).made
+    run = hand_eye.calibrate(recording, None, None, progress)
+    hand_eye_run = run.made
     if not np.isfinite(np.diag(hand_eye_run.covariance)).all():
         raise InputError(
             f"{recording.name}: expected poses that determine the hand-eye transform, found that they do not "
             f"({'; '.join(hand_eye_run.undetermined)}); name one with --hand-eye FILE, or record more poses"
         )
-    return KnownHandEye(
+    known = KnownHandEye(
         hand_eye_run.sensor,
         hand_eye_run.covariance,
         hand_eye_run.robot_sigma.get("position_mm", 0.0),
     )
+    return known, run.free
 
 
-def _balls(recording, motion: Motion, points, pose) -> tuple[tuple[Ball, ...], str]:
+def _balls(recording, motion: Motion, points, pose, free) -> tuple[tuple[Ball, ...], str]:
     fitted, failed = [], []
     for number in np.unique(recording.ball):
         on = (recording.ball == number) & np.isfinite(points).all(0)
@@ -87,6 +91,7 @@ def _balls(recording, motion: Motion, points, pose) -> tuple[tuple[Ball, ...], s
         fit = _fit(motion, points[:, on], pose[on], radius)
         if fit:
             fit = _with_expected_scatter(motion, points[:, on], pose[on], fit)
+            fit = _with_radius_errors(motion, points[:, on], pose[on], fit, free)
             fitted.append(_ball(motion, points[:, on], pose[on], fit, int(number), radius))
         else:
             failed.append(f"ball {number}: {fit.outcome}")
@@ -121,6 +126,31 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
     across = np.einsum("in,kin->kn", outward, motion.own_moves(points[:, used], at))
     stated = np.einsum("kn,kl,ln->n", across, motion.own_covariance, across).mean()
     return replace(fit, sigma_scale=fit.rms / max(np.sqrt(noise + stated), 1e-9))
+
+
+def _with_radius_errors(
+    motion: Motion, points, pose, fit: BallFit, free: HandEye | None
+) -> BallFit:
+    """The fit whose radius has the errors of the hand-eye transform, too.
+
+    free: estimated from the same points as the transform, with a radius of its own. A transform of the certified radius
+    lays the points on a ball of that radius, so that they show no other one; this estimate does.
+    """
+    std = None if free is None else free.std.get("target.radius")
+    if std is not None and np.isfinite(std) and fit.free is not None:
+        covariance = fit.free.covariance.copy()
+        covariance[:3, :3] = free.target_covariance[:3, :3]
+        covariance[3] = covariance[:, 3] = 0.0
+        covariance[3, 3] = std**2
+        centre = free.target[:3, 3]
+        return compared_with(
+            fit, replace(fit.free, centre=centre, radius=free.radius, covariance=covariance)
+        )
+    used = fit.inliers
+    outward = points[:, used] - fit.centre[:, None]
+    outward = outward / np.linalg.norm(outward, axis=0)
+    variance = motion.common_of_radius(points[:, used], pose[used], outward)
+    return with_radius_variance(fit, variance)
 
 
 def _ball(motion: Motion, points, pose, fit: BallFit, number: int, radius) -> Ball:
