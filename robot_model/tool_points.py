@@ -23,3 +23,21 @@ def calibrated_points(values) -> dict:
         return int(name.removeprefix("reflector") or 0) if name[-1:].isdigit() else 0
 
     return {name: found[name] for name in sorted(found, key=number)}
+
+
+_NAMES = {
+    "tip": "the tip",
+    "tool": "the measured target on the tool",
+    "sensor": "the origin of the sensor",
+}
+
+
+def corrected_point_name(values) -> str:
+    """The point that an arm with fewer than six directions places first, in words: "reflector 1".
+
+    It is the first of `calibrated_points`, or the origin of the flange if there is none; values: as there.
+    """
+    name = next(iter(calibrated_points(values)), "")
+    if name.startswith("reflector"):
+        return f"reflector {name.removeprefix('reflector') or 1}"
+    return _NAMES.get(name, "the origin of the flange")

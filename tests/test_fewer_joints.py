@@ -9,9 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from export_scenes import arm_with, exported
 from robot_model import load_robot
-from robot_model.postures.task_priority import Task
+from robot_model.postures.task_priority import LEVER_MM, Task
+from robot_model.tool_points import corrected_point_name
 from scenes import ABB, CRAIG, SLIDING
 from workbench.jobs.robot.compensation.compensate import actual_poses, compensate, nominal_poses
+from workbench.jobs.robot.compensation.unattainable import left_by_joints
 
 TOOL = np.array([25.0, 10.0, -60.0])
 
@@ -178,3 +180,25 @@ def test_a_joint_that_a_linkage_moves_is_held():
     held = compensate(replace(arm, fitted_range=still), readings)
     assert held.reached.all() and (held.readings[:, 3] == 0).all()
     assert held.position_left_mm.max() < 1e-3 and (free.readings[:, 3] != 0).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "name"),
+    [
+        ({"tool.reflector2_x": 1.0, "tool.reflector1_x": 2.0}, "reflector 1"),
+        ({"tool.tip_x": 1.0}, "the tip"),
+        ({"base.x": 1.0}, "the origin of the flange"),
+    ],
+)
+def test_the_point_that_is_corrected_first_has_a_name(values, name):
+    values = {key[:-1] + axis: 1.0 for key in values for axis in "xyz"}
+    assert corrected_point_name(values) == name
+
+
+def test_the_error_of_other_points_of_the_tool_is_stated():
+    arm = calibrated(FIVE)
+    done = compensate(arm, bent(arm))
+    (said,) = left_by_joints(arm, done)
+    turned = np.radians(done.rotation_left_deg.max()) * LEVER_MM
+    assert "the position of reflector 1 is corrected first" in said
+    assert f"{LEVER_MM:g} mm from it, misses its target by up to {turned:.2g} mm more" in said

@@ -204,6 +204,7 @@ def _changes(arm, programme, found) -> list[str]:
 
 def _summary(arm, found, refused) -> dict:
     """The main figures; errors are 3-D, of the flange, in mm."""
+    from robot_model.tool_points import corrected_point_name
     from workbench.jobs.robot.compensation.compensate import COVERAGE_FACTOR
     from workbench.jobs.robot.compensation.model_error import known_noise, model_error_mm
 
@@ -219,7 +220,7 @@ def _summary(arm, found, refused) -> dict:
         "unreached_rows": _rows(~reached),
         "beyond_limits_rows": _rows(found.beyond_limits),
         "unattainable_rows": _rows(~reached & ~found.beyond_limits),
-        "point": "tool point" if found.is_deficient else "flange",
+        "point": corrected_point_name(arm.values) if found.is_deficient else "flange",
         "joints": arm.robot.mixing.shape[1],
         "refused": [{"row": k + 1, "why": "; ".join(why)} for k, why in sorted(refused.items())],
         "largest_correction_mm": _largest(found.position_mm[reached]),
@@ -314,13 +315,18 @@ def _largest(values) -> float | None:
 
 def _show(console, result) -> None:
     head = ["", "RMS mm"]
+    point, residual, kind = result["point"], result["left_rms_mm"], ""
+    if point == "flange":
+        point = "the flange"
+    else:  # the orientation that the joints cannot reach is no error of this point
+        residual, kind = result["position_left_rms_mm"], ", position"
     rows = [
         ["error of the nominal arm, held out", result["nominal_error_mm"]],
         ["calibrated arm on held-out samples, measured", result["expected_error_mm"]],
         *_without_noise(result),
         ["standard uncertainty at these targets", result["uncertainty_rms_mm"]],
-        [f"the corrections, at the {result['point']}", result["correction_rms_mm"]],
-        ["inverse-kinematics residual", result["left_rms_mm"]],
+        [f"the corrections, at {point}", result["correction_rms_mm"]],
+        [f"inverse-kinematics residual{kind}", residual],
     ]
     tables.grid(
         console, f"{result['corrected_count']} of {result['count']} targets corrected", head, rows

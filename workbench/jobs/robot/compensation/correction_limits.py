@@ -27,6 +27,7 @@ from workbench.jobs.robot.compensation.compensate import (
 from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 from workbench.jobs.robot.compensation.revolutions import recorded_middle
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
+from workbench.jobs.robot.compensation.unattainable import left_by_joints
 from workbench.jobs.robot.compensation.unrecorded_load import (
     LOAD,
     deflection_mm,
@@ -264,7 +265,7 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
         *_joint_changes(arm, programme, found, limits.joint_deg),
     ]
     warnings = [
-        *_left_by_joints(arm, found),
+        *left_by_joints(arm, found),
         *_worst_assumed(arm, programme),
         *_unknown_sides(arm, programme, found),
         *unknown_load_words(arm, programme, shift),
@@ -383,19 +384,6 @@ def _unknown_sides(arm: CalibratedArm, programme, found) -> list[str]:
 
 def _ends(limits) -> str:
     return f"{limits[0]:.4g} to {limits[1]:.4g}"
-
-
-def _left_by_joints(arm: CalibratedArm, found) -> list[str]:
-    """A sentence on what remains in the directions in which the joints cannot move the flange, or none."""
-    if not found.is_deficient or not found.reached.any():
-        return []
-    position = found.position_left_mm[found.reached].max()
-    rotation = found.rotation_left_deg[found.reached].max()
-    return [
-        f"{arm.robot.mixing.shape[1]} joints do not move the flange in all six directions: its position is corrected "
-        "first, then its orientation. Up to "
-        f"{position:.3g} mm and {rotation:.3g} deg remain in directions that the joints cannot move."
-    ]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from scipy.optimize import least_squares
 
 from robot_model.postures.task_priority import LEVER_MM
 from robot_model.state import sliding
+from robot_model.tool_points import corrected_point_name
+from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.compensate import (
     actual_poses,
     negligible_mm,
@@ -138,3 +140,19 @@ def _distances(error: np.ndarray) -> tuple[float, float]:
     """Distance, mm, and angle, deg, of an error (6,) of `_nearest`."""
     degrees = np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM)
     return float(np.linalg.norm(error[:3])), float(degrees)
+
+
+def left_by_joints(arm: CalibratedArm, found) -> list[str]:
+    """A sentence on what remains in the directions in which the joints cannot move the flange, or none."""
+    if not found.is_deficient or not found.reached.any():
+        return []
+    position = found.position_left_mm[found.reached].max()
+    rotation = found.rotation_left_deg[found.reached].max()
+    point = corrected_point_name(arm.values)
+    return [
+        f"{arm.robot.mixing.shape[1]} joints do not move the tool in all six directions: the position of {point} is "
+        f"corrected first, then the orientation. Up to {position:.3g} mm and {rotation:.3g} deg remain in directions "
+        f"that the joints cannot move. All errors and uncertainties are those of {point}: another point of the tool, "
+        f"at a distance of {LEVER_MM:g} mm from it, misses its target by up to "
+        f"{LEVER_MM * np.radians(rotation):.2g} mm more."
+    ]
