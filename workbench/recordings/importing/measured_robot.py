@@ -211,7 +211,8 @@ def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -
     robot = load_robot(keys, f"--robot {mapping.robot}")
     builder = Builder(table, keys, robot, options)
     decision = _decide(builder, mapping, options, progress)
-    return DecidedTable(builder, decision, (*incomplete, *decided))
+    assumed = (decision.assumed,) if decision.assumed else ()
+    return DecidedTable(builder, decision, (*incomplete, *decided, *assumed))
 
 
 def _finished(decided: DecidedTable, found, options) -> Made:
@@ -281,7 +282,7 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
         refuse_changed_rotation(builder, decision.mapping, None)
         raise
     refuse_changed_rotation(builder, decision.mapping, turned)
-    return turned
+    return replace(turned, assumed=decision.assumed)
 
 
 def _searching(progress, what: str):

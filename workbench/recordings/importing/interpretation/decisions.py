@@ -47,6 +47,9 @@ _SHOWN, _REFINED = 5, 8
 UNITS_OF_SLIDES = ("mm", "m")
 """Units in which the reading of a prismatic joint is tested where nothing states one."""
 _ABOUT_AS_BAD = 1.5
+_NOMINAL_SHARE = 0.02
+"""Misfit of base and tool alone, as a share of the scatter of the points, up to which units fit without geometry."""
+_NOMINALLY_BETTER = 5.0
 _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
 _DOUBTS = ("stuck-encoder", "copied-column")
@@ -67,10 +70,11 @@ Build = Callable[[Mapping], Recording]
 
 @dataclass(frozen=True)
 class Decision:
-    """The completed mapping, and the fits that it was chosen by, the chosen one first."""
+    """The completed mapping, the fits that it was chosen by, the chosen one first, and an assumption in words."""
 
     mapping: Mapping
     fits: tuple[CandidateFit, ...]
+    assumed: str = ""
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,10 @@ def decide_units(case: UnitCase, refuse: Callable[[], None] = lambda: None) -> D
     if is_stated and not (fits and fits[0][1].is_good):
         return _contradicted_units(case, fits)
     where = f"{case.called}, units of the joint readings and the point"
+    if not fits:
+        by_nominal = _by_base_and_tool(case, readings)
+        if by_nominal is not None:
+            return by_nominal
     if not fits or any(fit.is_good for _, fit in fits):
         return decided(readings, fits, where, ask, unit_lines)
     stopped = ""
@@ -125,6 +133,27 @@ def decide_units(case: UnitCase, refuse: Callable[[], None] = lambda: None) -> D
         return decided(readings, fits, where, ask, unit_lines)
     except InputError as problem:
         raise InputError(f"{problem}{stopped}") from None
+
+
+def _by_base_and_tool(case: UnitCase, readings) -> Decision | None:
+    """The units under which base and tool alone fit clearly best, where the rows are too few to fit the geometry.
+
+    None where they do not fit clearly better than all others.
+    """
+    misfits = [relative_misfit(case.robot, mapping, case.build) for _, mapping in readings]
+    order = np.argsort(misfits, kind="stable")
+    if not misfits[order[0]] < _NOMINAL_SHARE:
+        return None
+    if any(misfits[k] < _NOMINALLY_BETTER * misfits[order[0]] for k in order[1:]):
+        return None
+    title, mapping = readings[order[0]]
+    return Decision(
+        mapping,
+        (),
+        "The rows are too few to test units together with geometry errors. With base and tool alone "
+        f"{title} fits clearly best (misfit {misfits[order[0]]:.2g} of the scatter of the points). If that is wrong, "
+        f"add the units to a mapping file for --map ({unit_lines(mapping)}).",
+    )
 
 
 def _explain_better(others, fits) -> bool:

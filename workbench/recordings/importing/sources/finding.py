@@ -20,6 +20,7 @@ from workbench.recordings.importing.board_images.image_sessions import joined_im
 from workbench.recordings.importing.sources.header_problems import header_error
 from workbench.recordings.importing.sources.named_joints import with_named_joints
 from workbench.recordings.importing.sources.timed_join import TimedJoin
+from workbench.recordings.importing.target_poses.centre_layouts import pose_and_centre
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
 
@@ -80,6 +81,7 @@ def find_mapping(
     is_plain = not source.images and not source.clouds
     if is_plain and _may_be_target_poses(options):
         pair = two_pose_sets(source.tables, mapping)
+        pair = pair or pose_and_centre(source.tables, mapping)
         if pair is not None:
             return Found(source, *pair, (), (*warnings, *pair[0].warnings))
     if source.images:

@@ -7,6 +7,7 @@ The two sets stand in one table, side by side, or in two tables with the same ro
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -29,6 +30,8 @@ _TARGET_WORDS = re.compile(
     r"target|board|marker|tag|cam|object|chess|pattern|cpo|optical|sensor|aruco|charuco|tracking|eye",
     re.I,
 )
+_NUMBERED = re.compile(r"column \d+")
+"""Names of the columns of a file without headers."""
 _ROTATION_FIRST = (3, 4, 5, 6, 7, 8, 9, 10, 11)
 _OF_MATRIX = ((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
 _AFTER_MATRIX = ((9, 10, 11), (0, 1, 2, 3, 4, 5, 6, 7, 8))
@@ -43,7 +46,7 @@ names are no poses of one rigid body: joint readings next to a pose have 0.06 an
 
 
 @dataclass(frozen=True)
-class _PoseSet:
+class PoseSet:
     """Columns of one set of poses in a table; `words`: what its headers and its file are called. `stated`: groups of
     position and rotation where the headers name them."""
 
@@ -53,7 +56,7 @@ class _PoseSet:
     stated: tuple[Group, Group] | None = None
 
 
-def _has_joints(table: RawTable) -> bool:
+def has_joints(table: RawTable) -> bool:
     """Whether headers name the joints of an arm: more of them than a pose with a quaternion has components."""
     return sum(read_header(name).kind == "joint" for name in table.columns) >= _FEWEST_JOINTS
 
@@ -65,15 +68,17 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
     """
     if not 0 < len(tables) <= 2 or mapping.joints is not None:
         return None
-    if any(_has_joints(table) for table in tables):
+    if any(has_joints(table) for table in tables):
         return None
-    tables = [_with_whole_matrices(table) for table in tables]
+    tables = [_with_whole_matrices(part) for table in _parts(tables) for part in table]
     sets = [one for table in tables for one in _sets_of(table, len(tables))]
-    if len(sets) != 2 or sets[0].table.n != sets[1].table.n or sets[0].table.n < _FEWEST:
+    if len(sets) != 2 or sets[0].table.n != sets[1].table.n or sets[0].table.n < 2:
         return None
+    if sets[0].table.n < _FEWEST and _is_target(sets[0]) == _is_target(sets[1]):
+        return None  # with names, the error says that the poses are too few
     if _is_target(sets[0]) > _is_target(sets[1]):
         sets = sets[::-1]
-    joined, sets = _joined(sets)
+    joined, sets = join_sets(sets)
     if mapping.flange_point is not None:
         return (joined, mapping) if _names(mapping) <= set(joined.columns) else None
     chosen = _best_layouts(joined, sets)
@@ -93,6 +98,22 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
     return joined, mapping.merged(proposed)
 
 
+def _parts(tables: Sequence[RawTable]) -> list[tuple[RawTable, ...]]:
+    """The two halves of a single table without headers that other lines divide; other tables as they are."""
+    table = tables[0]
+    half, rest = divmod(table.n, 2)
+    gaps = np.flatnonzero(np.diff(table.lines) > 1)
+    is_divided = not rest and half >= _FEWEST and half - 1 in gaps
+    is_plain = all(_NUMBERED.fullmatch(name) for name in table.columns)
+    if len(tables) > 1 or not is_divided or not is_plain:
+        return [(one,) for one in tables]
+    halves = (np.arange(half), np.arange(half, table.n))
+    names = [f"{table.stem} ({place}){Path(table.file).suffix}" for place in (1, 2)]
+    parts = tuple(replace(table.take(rows), file=name) for rows, name in zip(halves, names))
+    whole = [_with_whole_matrices(part) for part in parts]
+    return [parts] if all(_sets_of(one, 2) for one in whole) else [(table,)]
+
+
 def _with_whole_matrices(table: RawTable) -> RawTable:
     """A table of 4 x 4 matrices with four rows each as one with a row for each matrix; other tables as they are."""
     cells = [cells for cells in table.columns.values() if cells.dtype.kind == "f"]
@@ -110,12 +131,12 @@ def _names(mapping: Mapping) -> set[str]:
     return {name for group in groups if group is not None for name in group.columns}
 
 
-def _is_target(one: _PoseSet) -> int:
+def _is_target(one: PoseSet) -> int:
     """Positive for words of a target or camera, negative for those of a robot."""
     return len(_TARGET_WORDS.findall(one.words)) - len(_FLANGE_WORDS.findall(one.words))
 
 
-def _sets_of(table: RawTable, tables: int) -> list[_PoseSet]:
+def _sets_of(table: RawTable, tables: int) -> list[PoseSet]:
     """The sets of poses of a table, by its headers, by the names of arrays, or by the order of its columns."""
     numeric = [name for name, cells in table.columns.items() if cells.dtype.kind == "f"]
     named = _named_set(table) if tables == 2 else []
@@ -129,11 +150,11 @@ def _sets_of(table: RawTable, tables: int) -> list[_PoseSet]:
     by_name = [(base, names) for base, names in groups.items() if len(names) in _WIDTHS]
     wanted = 2 // tables
     if len(by_name) == wanted and all(base not in ("", "column", "pose") for base, _ in by_name):
-        return [_PoseSet(table, tuple(names), f"{base} {table.stem}") for base, names in by_name]
+        return [PoseSet(table, tuple(names), f"{base} {table.stem}") for base, names in by_name]
     return _by_order(table, numeric, wanted)
 
 
-def _named_set(table: RawTable) -> list[_PoseSet]:
+def _named_set(table: RawTable) -> list[PoseSet]:
     """The set whose position and rotation the headers name; raises nothing where they do not."""
     try:
         found = propose(table, has_images=True).mapping
@@ -143,29 +164,34 @@ def _named_set(table: RawTable) -> list[_PoseSet]:
         return []
     groups = (found.flange_point, found.flange_rotation)
     columns = (*groups[0].columns, *groups[1].columns)
-    return [_PoseSet(table, columns, f"{' '.join(columns)} {table.stem}", groups)]
+    return [PoseSet(table, columns, f"{' '.join(columns)} {table.stem}", groups)]
 
 
-def _by_order(table: RawTable, numeric: Sequence[str], wanted: int) -> list[_PoseSet]:
-    """Sets of equally many columns, after a column that numbers the rows where there is one."""
+def _by_order(table: RawTable, numeric: Sequence[str], wanted: int) -> list[PoseSet]:
+    """Sets of equally many columns, after a column that numbers the rows where there is one.
+
+    None where all columns together are one matrix.
+    """
+    if wanted > 1 and len(numeric) == _WIDTHS[-2] and any(pose_layouts(table, numeric)):
+        return []
     for start in (0, 1):
         width, rest = divmod(len(numeric) - start, wanted)
-        is_counted = not start or _counts(table.columns[numeric[0]])
+        is_counted = not start or counts_rows(table.columns[numeric[0]])
         if rest or width not in _WIDTHS or not is_counted:
             continue
         parts = [tuple(numeric[start + k * width : start + (k + 1) * width]) for k in range(wanted)]
-        sets = [_PoseSet(table, part, f"{part[0]} {table.stem}") for part in parts]
-        if all(any(_layouts(one.table, one.columns)) for one in sets):
+        sets = [PoseSet(table, part, f"{part[0]} {table.stem}") for part in parts]
+        if all(any(pose_layouts(one.table, one.columns)) for one in sets):
             return sets
     return []
 
 
-def _counts(cells: np.ndarray) -> bool:
+def counts_rows(cells: np.ndarray) -> bool:
     """Whether cells are whole numbers that grow from row to row."""
     return bool((cells == np.round(cells)).all() and (np.diff(cells) > 0).all())
 
 
-def _layouts(table: RawTable, columns: Sequence[str]) -> Iterator[tuple[Group, Group]]:
+def pose_layouts(table: RawTable, columns: Sequence[str]) -> Iterator[tuple[Group, Group]]:
     """Groups of position and rotation that the columns of one set may be."""
     cells = np.stack([table.columns[name] for name in columns], axis=1)
     if not np.isfinite(cells).all():
@@ -195,7 +221,7 @@ def _is_rotation(matrices: np.ndarray) -> bool:
     return bool(np.abs(product - np.eye(3)).max() < _ORTHOGONAL)
 
 
-def _joined(sets: Sequence[_PoseSet]) -> tuple[RawTable, list[_PoseSet]]:
+def join_sets(sets: Sequence[PoseSet]) -> tuple[RawTable, list[PoseSet]]:
     """Both sets in one table; columns whose names clash get the name of their file in front."""
     first, second = sets[0].table, sets[1].table
     if first is second:
@@ -221,10 +247,10 @@ def _joined(sets: Sequence[_PoseSet]) -> tuple[RawTable, list[_PoseSet]]:
     return table, [replace(one, table=table) for one in renamed]
 
 
-def _best_layouts(table: RawTable, sets: Sequence[_PoseSet]):
+def _best_layouts(table: RawTable, sets: Sequence[PoseSet]):
     """Position and rotation of both sets under which flange and target rotate by the same angles."""
     options = [
-        [one.stated] if one.stated is not None else list(_layouts(table, one.columns))
+        [one.stated] if one.stated is not None else list(pose_layouts(table, one.columns))
         for one in sets
     ]
     pairs = [(flange, target) for flange in options[0] for target in options[1]]

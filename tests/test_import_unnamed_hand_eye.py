@@ -1,0 +1,105 @@
+"""Hand-eye data without headers: two sets of poses below each other, and flange poses with the centres of a ball."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from datasets.importers.mapping.model import Mapping
+from datasets.importers.source import RawTable
+from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.importing.target_poses.layouts import two_pose_sets
+
+ROWS = 16
+
+
+def flange_poses(rng) -> tuple[np.ndarray, Rotation]:
+    """Origins (n, 3) mm and rotations of a flange above a table."""
+    down = Rotation.from_euler("x", 180, degrees=True)
+    turned = Rotation.from_rotvec(rng.normal(size=(ROWS, 3)) * 0.35) * down
+    return rng.normal(size=(ROWS, 3)) * [90, 110, 60] + [640, -80, 510], turned
+
+
+def poses_of_target(origins, turned) -> tuple[np.ndarray, Rotation]:
+    """The pose of a fixed board in a camera on the flange."""
+    camera = Rotation.from_euler("xyz", [4, -7, 88], degrees=True)
+    board = Rotation.from_euler("xyz", [170, 5, 30], degrees=True)
+    seen = (turned * camera).inv()
+    places = np.array([600.0, 20.0, 5.0]) - origins - turned.apply([35.0, -20.0, 80.0])
+    return seen.apply(places), seen * board
+
+
+def written(path, blocks, separator=" "):
+    text = "\n\n".join(
+        "\n".join(separator.join(f"{value:.8g}" for value in row) for row in block)
+        for block in blocks
+    )
+    path.write_text(text + "\n")
+    return path
+
+
+def matrices(origins, turned) -> np.ndarray:
+    """(n, 4, 4) m."""
+    made = np.tile(np.eye(4), (len(origins), 1, 1))
+    made[:, :3, :3], made[:, :3, 3] = turned.as_matrix(), origins / 1000
+    return made
+
+
+@pytest.mark.parametrize("as_matrices", [False, True])
+def test_two_blocks_of_one_file_are_flange_and_target(tmp_path, as_matrices):
+    rng = np.random.default_rng(1)
+    origins, turned = flange_poses(rng)
+    places, turns = poses_of_target(origins, turned)
+    noise = Rotation.from_rotvec(rng.normal(size=(ROWS, 3)) * 1e-3)
+    sets = (origins, turned), (places + rng.normal(size=(ROWS, 3)) * 0.1, noise * turns)
+    if as_matrices:
+        blocks = [matrices(*one).reshape(-1, 4) for one in sets]
+    else:
+        blocks = [np.column_stack([places / 1000, turns.as_quat()]) for places, turns in sets]
+    path = written(tmp_path / "pairs.txt", blocks)
+    made = import_recording([path], tmp_path / "out", ImportOptions())
+    assert made.recording.measures == "target-pose" and made.recording.n == ROWS
+    assert made.fits[0].rms_mm < 2
+    options = ImportOptions(mapping=made.mapping)
+    again = import_recording([path], tmp_path / "again", options)
+    assert again.recording.n == ROWS
+
+
+def test_one_set_of_matrices_is_no_pair():
+    cells = matrices(*flange_poses(np.random.default_rng(2))).reshape(-1, 4)
+    columns = {f"column {k}": cells[:, k - 1] for k in range(1, 5)}
+    table = RawTable("poses.txt", columns, np.arange(1, len(cells) + 1))
+    assert two_pose_sets([table], Mapping()) is None
+
+
+@pytest.mark.parametrize("files", [1, 2])
+def test_poses_and_centres_of_a_ball_are_found(tmp_path, files):
+    rng = np.random.default_rng(3)
+    origins, turned = flange_poses(rng)
+    sensor = Rotation.from_euler("zyx", [60, 3, -4], degrees=True)
+    sight = rng.normal(size=(ROWS, 3)) * [9, 8, 6] + [0, 0, 190]
+    fixed = np.array([620.0, -90.0, 35.0])
+    origins = fixed - turned.apply(sensor.apply(sight) + [12.0, 40.0, 66.0])
+    seen = sight + rng.normal(size=(ROWS, 3)) * 0.02
+    poses = np.column_stack([origins, turned.as_quat()[:, [3, 0, 1, 2]]])
+    if files == 2:
+        paths = [
+            written(tmp_path / "robot.txt", [poses], ", "),
+            written(tmp_path / "scanner.txt", [seen]),
+        ]
+    else:
+        both = np.column_stack([np.arange(1, ROWS + 1), poses, seen])
+        paths = [written(tmp_path / "both.txt", [both], ";")]
+    made = import_recording(paths, tmp_path / "out", ImportOptions())
+    assert made.recording.measures == "ball-centre"
+    assert made.mapping.flange_rotation.convention == "quaternion wxyz"
+    assert made.fits[0].rms_mm < 0.1
+    assert any("No header names flange poses" in said for said in made.warnings)
+
+
+def test_centres_that_keep_no_ball_in_place_are_not_read(tmp_path):
+    rng = np.random.default_rng(4)
+    origins, turned = flange_poses(rng)
+    cells = np.column_stack([origins, turned.as_quat(), rng.normal(size=(ROWS, 3)) * 10])
+    path = written(tmp_path / "both.txt", [cells])
+    with pytest.raises(Exception, match="joint readings"):
+        import_recording([path], tmp_path / "out", ImportOptions())
