@@ -7,16 +7,19 @@ from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.validation.folds import schemes
+from workbench.diagnosis.validation.folds import SPACE, Scheme, schemes
 from workbench.diagnosis.validation.held_out import Errors
 from workbench.diagnosis.validation.stability import Nested, effects_of, stable_terms
 from workbench.diagnosis.validation.terms import Term
 
 
+def bare(law, label: str = "") -> Finding:
+    return Finding(law.effect, law.where, label, (law,), 1e-9, 1.0, 0.1, 1.0)
+
+
 def wave(order: int) -> Finding:
     """A harmonic of joint 3."""
-    law = CATALOGUE["transmission-harmonic"]("joint-3", order)
-    return Finding(law.effect, law.where, f"order {order}", (law,), 1e-9, 1.0, 0.1, 1.0)
+    return bare(CATALOGUE["transmission-harmonic"]("joint-3", order), f"order {order}")
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +44,18 @@ def test_a_term_that_no_fold_makes_is_not_kept_for_its_name(bench, order):
         assert not lost and kept[0].reselected_folds == kept[0].searched_folds > 0
     else:
         assert not kept and lost[0].reselected_folds == 0 and "no fold finds it" in lost[0].reason
+
+
+def test_samples_between_the_others_around_an_instant_do_not_refuse_a_step():
+    """The block of the workspace that is held out is a tenth of the time: the others do not know when the step was."""
+    step = CATALOGUE["zero-shift"]("joint-2", 20.0 * 41.5)
+    bench = bench_of(recorded(3, [step], [1.5e-3], n=80))
+    scheme = Scheme(SPACE, np.select([np.arange(80) < 36, np.arange(80) < 48], [0, 1], 2))
+    at = {0: step.after, 1: 20.0 * 35.5, 2: step.after}
+    found = {k: [bare(CATALOGUE["zero-shift"]("joint-2", after))] for k, after in at.items()}
+    errors = Errors(bench)
+    plain = errors((), scheme.fold)
+    predicted = errors.predicted(scheme.fold, {k: effects_of(f) for k, f in found.items()})
+    nested = [Nested(scheme, plain, predicted, found, 30.0)]
+    kept, lost = stable_terms(bench, [Term(bare(step))], nested, np.ones(80, bool))
+    assert not lost and kept[0].t_nested > 10

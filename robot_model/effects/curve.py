@@ -11,7 +11,7 @@ from robot_model.effects.extrapolation import (
     extrapolation_sigma,
     grid_points,
 )
-from robot_model.effects.transmission import TransmissionHarmonic
+from robot_model.effects.transmission import WITHOUT_HOSE, TransmissionHarmonic
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
 
@@ -55,6 +55,7 @@ class JointCurve(Effect):
     port = "joint"
     places = ("joint",)
     stage = "joint curves"
+    distinguished_by = WITHOUT_HOSE
     equation = "dq = sum_j c_j cos(j pi u), u = (q_K - start) / (end - start), j = 1 ... terms"
     source = "Hilbert-space approximation of a Gaussian process: Solin & Sarkka, Stat. Comput. 30 (2020) 419"
 

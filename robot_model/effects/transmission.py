@@ -33,6 +33,10 @@ _SHARP_NM, _SHARP = (
 )  # width of a sharp change of side, also as a share of the largest torque
 # shares of the largest torque over which a gap closes, and the prior weight of each relative to a sharp change
 _CLOSING, _CLOSING_WEIGHT = (0.05, 0.1, 0.2), 0.3
+WITHOUT_HOSE = (
+    "measure the same poses with another load, and once more without the hose or the spring"
+)
+"""A deflection grows with the load; the torque of a hose or a spring ends where this is taken off."""
 
 
 class TransmissionHarmonic(Effect):
@@ -69,11 +73,7 @@ class TransmissionHarmonic(Effect):
     @property
     def distinguished_by(self):
         """A deflection grows with the load; the torque of a hose or a spring ends where this is taken off."""
-        if self.order != 1:
-            return ""
-        return (
-            "measure the same poses with another load, and once more without the hose or the spring"
-        )
+        return WITHOUT_HOSE if self.order == 1 else ""
 
     @classmethod
     def candidates(cls, chain):

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from robot_model.effects import CATALOGUE
+from robot_model.effects.curve import JointCurve
+from robot_model.effects.friction import JointTorque
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.diagnosis.levels import (
@@ -85,7 +87,8 @@ def finding(
         result = with_equivalent_places(result, search.bench.chain.robot.joints)
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, judged, result)
-    return _with_confounded_laws(result, _own_gravity(search, i, table))
+    more = (*_own_gravity(search, i, table), *_own_torque(search, i))
+    return _with_confounded_laws(result, more)
 
 
 def _with_sets_of_both(
@@ -158,6 +161,25 @@ def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[A
     alike = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
     why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
     return (Alternative(*key, "", 0.0, alike, why),) if alike >= CONFOUNDED_SHARE else ()
+
+
+def _own_torque(search: Search, i: int) -> tuple[Alternative, ...]:
+    """The torque of a hose or a spring at the joint of an accepted error curve, where it makes the same in these poses.
+
+    Either deflects the joint by a function of its own angle alone: no pose distinguishes them. The torque has few
+    bends; what gears and encoders repeat, or a worn patch, has more. A slide has no such torque.
+    """
+    curve = next(iter(search.accepted[i].effects), None)
+    if not isinstance(curve, JointCurve) or search.bench.chain.slides(curve.number):
+        return ()
+    torque = JointTorque(curve.where, curve.start, curve.end)
+    problem = search.problem.conditional_on(search.other_indices(i))
+    basis = problem.orthogonal_basis(problem.columns_of(torque))
+    curved = problem.orthogonalise(search.problem.added[i] @ search.problem.values[i])
+    alike = float(((basis.T @ curved) ** 2).sum() / max(curved @ curved, 1e-300))
+    label = "of a spring or a hose"
+    own = Alternative(torque.effect, torque.where, label, 0.0, alike, CONFOUNDED)
+    return (own,) if alike >= CONFOUNDED_SHARE else ()
 
 
 def bare_finding(h: Hypothesis) -> Finding:

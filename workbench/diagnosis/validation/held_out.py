@@ -316,19 +316,8 @@ class Errors:
         return self._without_ambiguous(out, effects, block)
 
     def _without_ambiguous(self, rows: np.ndarray, effects, block: np.ndarray) -> np.ndarray:
-        """Rows (5, n) with nan for held-out samples between the others just before and just after an instant.
-
-        The other samples show that the step lies between these two, and not on which side of a sample between them. Nor
-        is the first pose predicted by effects of the last move.
-        """
-        covariates = self.bench.chain.state.covariates
-        rows[:, ~(np.ones(len(block), bool) & is_move_known(covariates, effects))] = np.nan
-        # of each arm pose of a sample
-        times = clock(self.bench.chain.state).reshape(-1, len(block))
-        for after in {getattr(effect, "after", None) for effect in effects} - {None}:
-            before = times[~block & (times <= after)].max(initial=-np.inf)
-            next_one = times[~block & (times > after)].min(initial=np.inf)
-            rows[:, (block & (times > before) & (times < next_one)).any(0)] = np.nan
+        """Rows (5, n) with nan for held-out samples that the effects of the others do not predict."""
+        rows[:, is_ambiguous(self.bench, effects, block)] = np.nan
         return rows
 
     def _is_undetermined_without(self, effects, block: np.ndarray) -> bool:
@@ -337,6 +326,27 @@ class Errors:
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
         rows = (block if part is None else block[part])[problem.sample]
         return block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
+
+
+def is_ambiguous(
+    bench, effects: Sequence[Effect], block: np.ndarray, samples: np.ndarray | None = None
+) -> np.ndarray:
+    """(n,) bool: held-out samples between the others just before and just after an instant, and some first poses.
+
+    block (n,) bool: the samples held out, of some samples (None: all) of a bench of an arm. The other samples show that
+    a step lies between these two, and not on which side of a sample between them. Nor is the first pose predicted by
+    effects of the last move.
+    """
+    state, used = bench.chain.state, slice(None) if samples is None else samples
+    out = ~(np.ones(len(bench.pose), bool) & is_move_known(state.covariates, effects))[used]
+    # of each arm pose of a sample
+    times = clock(state).reshape(-1, len(bench.pose))[:, used]
+    for after in {getattr(effect, "after", None) for effect in effects} - {None}:
+        others = times[:, ~block]
+        before = others[others <= after].max(initial=-np.inf)
+        next_one = others[others > after].min(initial=np.inf)
+        out |= (block & (times > before) & (times < next_one)).any(0)
+    return out
 
 
 def name_of(effect: Effect) -> str:

@@ -16,6 +16,7 @@ from workbench.diagnosis.linear.problem import Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, tested_samples
 from workbench.diagnosis.validation.held_out import (
     critical_t,
+    is_ambiguous,
     nested_components,
     rises_significantly,
     sigma_of,
@@ -180,13 +181,29 @@ class _Folds:
                 without_others(self._bench, solved.problem, held, self._part)
                 for held in (rest, all_indices)
             ]
-            fold = np.where(scheme.fold == k, 0, -1)
-            rows = [left_out_rows(problem, fold, 0, scored) for problem in problems]
-            parts[k] = np.stack(nested_components(problems[0], fold, rows, scored))
+            parts[k] = self._components(problems, solved, scheme.fold == k, scored)
         out = np.full_like(next(iter(parts.values())), np.nan)
         for k, part in parts.items():
             out[..., scheme.fold == k] = part[..., scheme.fold == k]
         return out
+
+    def _components(
+        self, problems: Sequence[Problem], solved: "_SolvedFold", block: np.ndarray, scored: bool
+    ) -> np.ndarray:
+        """(2, m, n) `nested_components` of two models of what a fold found, for the samples held out, block (n,) bool.
+
+        nan for samples that what the fold found does not predict, see `is_ambiguous`: as in the held-out errors.
+        """
+        fold = np.where(block, 0, -1)
+        rows = np.stack([left_out_rows(problem, fold, 0, scored) for problem in problems])
+        if self._bench.chain is None:
+            return np.stack(nested_components(problems[0], fold, rows, scored))
+        effects = effects_of(solved.findings)
+        ambiguous = block & is_ambiguous(self._bench, effects, block, self._part)
+        rows[:, ambiguous[problems[0].sample]] = 0.0  # they decorrelate no others
+        components = np.stack(nested_components(problems[0], fold, rows, scored))
+        components[..., ambiguous] = np.nan
+        return components
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from workbench.core.parameters import Parameters
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.search.findings import CONFOUNDED
 from workbench.diagnosis.validation.held_out import critical_t
 from workbench.explanation.minimal_detectable_bias import separable_distance
 from workbench.explanation.planning.candidate_recordings import CandidateRecording, list_candidates
@@ -241,7 +242,8 @@ def _by_word(term: Term) -> str:
         if others
         else f"learn what makes {_called(term)}"
     )
-    if first_effect and first_effect.confounded_with and first_effect.distinguished_by:
+    is_confounded = any(a.why == CONFOUNDED for a in term.finding.alternatives)
+    if first_effect and is_confounded and first_effect.distinguished_by:
         return f"To {aim}, {first_effect.distinguished_by}."
     if not names:
         return f"To {aim}, measure more poses, which fill all of the field and the working range."
