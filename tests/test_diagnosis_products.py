@@ -8,8 +8,11 @@ import pytest
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.least_squares import solver
+from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.evidence import design_effect
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
+from workbench.diagnosis.search.state import _PARTS, ELASTIC, LAWS, Search
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +61,48 @@ def test_shares_of_components_are_those_of_the_leverages():
     expected = 1 - leverage.mean(1)
     assert state.shares_of_components(covariance) == pytest.approx(expected, rel=1e-9)
     assert np.ptp(expected) > 0.01
+
+
+@pytest.fixture(scope="module")
+def search():
+    """A search that has accepted two compliances and a slip."""
+    effects = (
+        CATALOGUE["joint-compliance"]("joint-3"),
+        CATALOGUE["zero-shift"]("joint-1", after=1200.0),
+        CATALOGUE["joint-compliance"]("joint-2"),
+    )
+    bench = bench_of(recorded(31, effects, [4e-6, 3e-4, 2e-6], n=120))
+    started = Search(bench, None, UNMODELLED_LEVEL, lambda line: None)
+    started.solve()
+    accept_most_probable_set(started, thorough=False)
+    assert len(started.accepted) >= 3
+    return started
+
+
+def ranked(table):
+    """Numbers of the hypotheses of a table by their names."""
+    return {
+        (h.effect, h.where, h.label): (h.evidence, h.gain, h.log_prior, h.weight) for h in table
+    }
+
+
+@pytest.mark.parametrize("part", [LAWS, ELASTIC])
+@pytest.mark.parametrize("kept", [(), (0,), (1, 2)])
+def test_part_of_a_table_is_what_the_whole_table_says_of_it(search, kept, part):
+    search.tables.clear()
+    found = ranked(search.table(kept, part))
+    whole = search.table(kept)
+    expected = ranked(h for h in whole if _PARTS[part](h))
+    assert len(whole) > len(expected) > 5
+    assert found.keys() == expected.keys()
+    for name, numbers in expected.items():
+        assert found[name] == pytest.approx(numbers, rel=1e-9, abs=1e-9)
+
+
+def test_a_solution_that_is_known_keeps_its_tables(search):
+    table, problem = search.table((0,)), search.problem
+    search.solve()
+    assert search.problem is problem and search.table((0,)) == table
+    search.accepted = search.accepted[:2]
+    search.solve()
+    assert search.problem is not problem and not search.tables

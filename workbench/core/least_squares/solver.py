@@ -409,13 +409,10 @@ class _Problem:
         """
         if len(self.residual) <= 3 or self.rows is None or not len(self.scale):
             return None
-        size = self.rows.factor * self.scale
-        weight = covariance * np.outer(size, size)
-        shares = []
-        for rows in np.split(self.rows.flat, len(self.residual), axis=1):
-            leverage = float((weight * (rows @ rows.T)).sum())
-            shares.append(1 - leverage / rows.shape[1])
-        return np.clip(shares, 0.0, 1.0)
+        rows = self.rows.flat * (self.rows.factor * self.scale[:, None])
+        # not by inner products of the rows: undetermined directions have large variances, which cancel in them
+        leverage = (rows * (covariance @ rows)).sum(0).reshape(self.residual.shape)
+        return np.clip(1 - leverage.mean(1), 0.0, 1.0)
 
     def finish(self):
         covariance = covariance_of(self.data_normal, self.prior + _FLOOR)

@@ -1,7 +1,7 @@
 """All hypotheses, judged at once: library effects at every place, and smooth nonparametric alternatives."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,20 +88,36 @@ class Hypothesis:
         return None if source is None else replace(self, source=source)
 
 
-def ranked_hypotheses(problem: Problem, required: Sequence = ()) -> list[Hypothesis]:
+def ranked_hypotheses(
+    problem: Problem,
+    required: Sequence = (),
+    functions: bool = True,
+    laws: Callable[[Candidate | Scan], bool] | None = None,
+) -> list[Hypothesis]:
     """Every hypothesis that the effects in the model leave room for, judged; the most probable first.
 
-    required: (family, label) of options of scans that must be among them, however unlikely.
+    required: (family, label) of options of scans that must be among them, however unlikely. functions: with smooth
+    nonparametric alternatives. laws: which laws are asked for (None: all); those of other families are not judged. The
+    hypotheses that remain are the same, their priors included.
     """
     projected = Projected(problem)
     required = set(required)
-    named = [*_of_candidates((*problem.candidates, *problem.with_masses), projected)]
+    candidates = (*problem.candidates, *problem.with_masses)
+    scans = [scan for scan in problem.scans if functions or not scan.smooth_covariates]
+    families = {law.family for law in (*candidates, *scans) if not law.smooth_covariates}
+    part = ""
+    if laws is not None:
+        part = laws.__qualname__
+        asked = {law.family for law in (*candidates, *scans) if laws(law)}
+        candidates = [c for c in candidates if c.family in asked]
+        scans = [scan for scan in scans if scan.smooth_covariates or scan.family in asked]
+    named = [*_of_candidates(candidates, projected, part)]
     periods = []
-    scans = projected.score_groups([scan_moments(projected, scan) for scan in problem.scans])
-    for scan, scores in zip(problem.scans, scans):
+    judged = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    for scan, scores in zip(scans, judged):
         (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, required))
-    smooth = [*_of_sites(problem, projected)]
-    found = [*_named_priors(named), *_smooth_priors(smooth, periods)]
+    smooth = [*_of_sites(problem, projected)] if functions else []
+    found = [*_named_priors(named, len(families)), *_smooth_priors(smooth, periods)]
     present: dict[tuple[str, str], list[Effect]] = {}
     for effect in problem.effects:
         present.setdefault((effect.effect, effect.where), []).append(effect)
@@ -118,11 +134,14 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
     return not h.coexists or any(effect.options == other.options for other in h.effects)
 
 
-def _of_candidates(candidates: Sequence[Candidate], projected: Projected) -> Iterator[Hypothesis]:
-    """Each candidate judged, those with equally many columns at once."""
+def _of_candidates(
+    candidates: Sequence[Candidate], projected: Projected, part: str
+) -> Iterator[Hypothesis]:
+    """Each candidate judged, those with equally many columns at once; part: name of these candidates, "" of all."""
     widths = np.array([c.columns.shape[1] for c in candidates])
     for chosen, name in _groups(candidates, widths):
-        moments = projected.column_moments(np.stack([c.columns * c.typical for c in chosen]), name)
+        columns = np.stack([c.columns * c.typical for c in chosen])
+        moments = projected.column_moments(columns, (*name, part))
         scores = projected.score_hypotheses(moments)
         signs = _one_sided(chosen, moments, scores, projected)
         scores = replace(scores, evidence=scores.evidence + signs)
@@ -223,13 +242,13 @@ def _site_moments(site: Site, problem: Problem, projected: Projected):
         yield chosen, sample_sums.function_moments((site.resolution, *chosen), waves, typical)
 
 
-def _named_priors(rows: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
-    """Each family equally likely, its variants by their mass; the level of the search shared alike."""
+def _named_priors(rows: Sequence[Hypothesis], families: int) -> Iterator[Hypothesis]:
+    """Each of so many families equally likely, its variants by their mass; the level of the search shared alike."""
     total: Counter[str] = Counter()
     for h in rows:
         total[h.family] += h.prior_weight
     for h in rows:
-        part = h.prior_weight / total[h.family] / len(total)
+        part = h.prior_weight / total[h.family] / families
         yield _with_prior(h, 1 - RARE_PRIOR, 1 - SMOOTH_LEVEL, part)
 
 

@@ -22,7 +22,7 @@ from workbench.diagnosis.search.options import (
     with_exact_options,
 )
 from workbench.diagnosis.search.prior import LAW_ERROR
-from workbench.diagnosis.search.state import Search, name_of
+from workbench.diagnosis.search.state import LAWS, Search, name_of
 from workbench.diagnosis.search.stepwise import LAW, Stepwise
 
 _FIRST, _MAX_SMOOTH, _VARIANTS = 48, 6, 4
@@ -133,7 +133,7 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         pools.append(with_estimated_options(search, more, search.accepted_indices))
     if thorough and len(search.accepted) <= _MAX_SMOOTH:
         for others in map(search.other_indices, search.accepted_indices):
-            instead = _most_probable(search.table(others), _VARIANTS, 0)
+            instead = _most_probable(search.table(others, LAWS), _VARIANTS, 0)
             pools.append(with_estimated_options(search, instead, others))
     chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))

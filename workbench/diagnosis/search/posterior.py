@@ -30,7 +30,7 @@ from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gai
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import LAW_ERROR, is_elastic
-from workbench.diagnosis.search.state import name_of
+from workbench.diagnosis.search.state import ALL, ELASTIC, LAWS, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
 
 Key = tuple[str, str]
@@ -261,7 +261,9 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     is_wave = accepted.effect == TransmissionHarmonic.effect  # of order 1 it counts as elastic
     if is_elastic(accepted) and not is_wave:
         return None
-    table = search.alternatives(i)
+    # the search on all samples asks for the functions of the same tables later, to name its terms
+    laws_alone = search.for_prediction and not accepted.smooth_covariates
+    table = search.alternatives(i, LAWS if laws_alone else ALL)
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
@@ -379,8 +381,8 @@ def _elastic_window(search) -> Window | None:
     accepted = search.current_terms()
     others = tuple(i for i in search.accepted_indices if i not in elastic)
     plain: dict[Key, object] = {}
-    for h in search.table(others):
-        if is_elastic(h) and not h.label.startswith(LABEL):
+    for h in search.table(others, ELASTIC):
+        if not h.label.startswith(LABEL):
             plain.setdefault(h.key, h)
     known = {h.key for h in accepted}
     terms = [*accepted, *(h for key, h in plain.items() if key not in known)]

@@ -21,6 +21,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import TYPICAL_RAD, GravityCompliance
 from workbench.core.least_squares.linear_algebra import pseudo_inverse, symmetric_eigen
 from workbench.diagnosis.levels import ROUNDING, SIGNIFICANT_SIGMAS
+from workbench.diagnosis.linear.candidates import Candidate, Scan
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
@@ -274,6 +275,11 @@ class MassUncertainty:
         values, vectors = symmetric_eigen(inner)
         scale = np.sqrt(self.design_effect * (1 + np.maximum(values, 0.0)))
         return self.columns @ (vectors / scale)
+
+
+def may_be_elastic(law: Candidate | Scan) -> bool:
+    """Whether some variant of a law is elastic, as of `is_elastic`."""
+    return law.effect in (*DEFLECTS, GravityCompliance.effect, TransmissionHarmonic.effect)
 
 
 def is_elastic(h: Hypothesis) -> bool:

@@ -15,6 +15,11 @@ from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.robot.shared_moments import with_shared_moments
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.options import with_exact_options
+from workbench.diagnosis.search.prior import is_elastic, may_be_elastic
+
+ALL, LAWS, ELASTIC = "all", "laws", "elastic laws"
+"""Parts of a table."""
+_PARTS = {ALL: lambda h: True, LAWS: lambda h: not h.smooth_covariates, ELASTIC: is_elastic}
 
 
 @dataclass
@@ -27,7 +32,8 @@ class Search:
     `infeasible`: names of hypotheses with fitted values that no machine has. `screened`: hypotheses that are probable
     without any other term, ranked once for the noise model and compliances in `screening_conditions`.
     `always_listed`: hypotheses in every table, however improbable. `first`: called with the first terms.
-    `for_prediction`: whether only predictions matter, as in a fold, and not the names of the terms.
+    `for_prediction`: whether only predictions matter, as in a fold, and not the names of the terms. `solved_for`: what
+    `problem` and `tables` were made for.
     """
 
     bench: Bench
@@ -47,6 +53,7 @@ class Search:
     always_listed: tuple[Hypothesis, ...] = ()
     first: Callable[[Sequence[Hypothesis]], None] | None = None
     for_prediction: bool = False
+    solved_for: tuple = ()
 
     def record_terms(self, terms: Sequence[Hypothesis]) -> None:
         """A line with what is accepted now."""
@@ -69,6 +76,8 @@ class Search:
         under = (self.noise_factors, self.random_effect, any(h.carries_load for h in self.accepted))
         if not all(now is before for now, before in zip(under, self.screening_conditions)):
             self.screening_conditions, self.screened = under, []
+        if self._is_known():
+            return
         problem = self.stated_noise_problem
         if self.noise_factors is not None:
             problem = with_equal_noise(problem, self.noise_factors)
@@ -79,6 +88,17 @@ class Search:
         if self.bench.chain is not None:
             self.problem = with_shared_moments(self.problem, self.bench.chain)
         self.tables = {}
+        self.solved_for = self._solution()
+
+    def _solution(self) -> tuple:
+        """All that the present problem and its tables depend on; its parts are compared by identity."""
+        terms = (*self.accepted, *self.always_listed)
+        return self.stated_noise_problem, self.noise_factors, self.random_effect, *terms
+
+    def _is_known(self) -> bool:
+        """Whether problem and tables are those of the accepted hypotheses and of the noise model already."""
+        now, before = self._solution(), self.solved_for
+        return len(now) == len(before) and all(a is b for a, b in zip(now, before))
 
     def solve_feasible(self):
         """Solve, and exclude hypotheses with physically impossible values from the search.
@@ -144,31 +164,42 @@ class Search:
         )
         new = {old: place for place, old in enumerate(order)}
         self.tables = {
-            tuple(sorted(new[i] for i in conditions)): table
-            for conditions, table in self.tables.items()
+            (tuple(sorted(new[i] for i in conditions)), part): table
+            for (conditions, part), table in self.tables.items()
         }
+        self.solved_for = self._solution()
 
-    def table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
+    def table(self, kept: tuple[int, ...], part: str = ALL) -> list[Hypothesis]:
         """Hypotheses that are compatible with the accepted ones numbered `kept`, ranked conditional on these.
 
-        Without hypotheses that act through an accepted compliance that is not kept: they would replace it.
+        Without hypotheses that act through an accepted compliance that is not kept: they would replace it. part: `ALL`,
+        `LAWS`, or the `ELASTIC` ones of these, which take less time.
         """
         carriers = {i for i in self.accepted_indices if self.accepted[i].carries_load}
-        table = self.full_table(kept)
+        table = self.full_table(kept, part)
         return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
 
-    def full_table(self, kept: tuple[int, ...]) -> list[Hypothesis]:
+    def full_table(self, kept: tuple[int, ...], part: str = ALL) -> list[Hypothesis]:
         """As `table`, including all hypotheses that act through compliances."""
-        if kept not in self.tables:
-            required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
-            conditions = [self.accepted[i] for i in kept]
-            self.tables[kept] = [
-                h
-                for h in ranked_hypotheses(self.problem.conditional_on(kept), required=required)
-                if name_of(h) not in self.infeasible
-                and (h.smooth_covariates or all(compatible(h, other) for other in conditions))
-            ]
-        return self.tables[kept]
+        known = next((self.tables[kept, p] for p in (part, ALL) if (kept, p) in self.tables), None)
+        if known is None:
+            known = self.tables[kept, part] = self._ranked(kept, part)
+        return [h for h in known if _PARTS[part](h)]
+
+    def _ranked(self, kept: tuple[int, ...], part: str) -> list[Hypothesis]:
+        required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
+        conditions = [self.accepted[i] for i in kept]
+        return [
+            h
+            for h in ranked_hypotheses(
+                self.problem.conditional_on(kept),
+                required,
+                part == ALL,
+                may_be_elastic if part == ELASTIC else None,
+            )
+            if name_of(h) not in self.infeasible
+            and (h.smooth_covariates or all(compatible(h, other) for other in conditions))
+        ]
 
     @property
     def accepted_indices(self) -> tuple[int, ...]:
@@ -188,8 +219,10 @@ class Search:
         table, name = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == name), table[0])
 
-    def alternatives(self, i: int) -> list[Hypothesis]:
+    def alternatives(self, i: int, part: str = ALL) -> list[Hypothesis]:
         """Hypotheses that may replace an accepted one, itself included, all compared at the same solution.
+
+        part: as of `table`.
 
         An effect that acts through compliances is multiplied by them. In the solution with it, the compliances have
         values that require it, and every other hypothesis seems to gain its contribution. The hypotheses are therefore
@@ -197,13 +230,13 @@ class Search:
         """
         accepted = self.accepted[i]
         if not accepted.needs_compliance:
-            return self.table(self.other_indices(i))
+            return self.table(self.other_indices(i), part)
         others = tuple(self.accepted[j] for j in self.other_indices(i))
         without = Search(self.bench, self.samples, self.level, lambda line: None, others)
         without.random_effect, without.noise_factors = self.random_effect, self.noise_factors
         without.infeasible, without.always_listed = self.infeasible, (accepted,)
         without.solve()
-        return without.table(without.accepted_indices)
+        return without.table(without.accepted_indices, part)
 
     def conditional_gain(self, i: int) -> tuple[float, float]:
         """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""
