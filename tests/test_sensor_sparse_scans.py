@@ -5,6 +5,7 @@ import pytest
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.search import find_balls
+from sensors.ball.single_stripe import undetermined
 from workbench.jobs.sensor.missing_balls import seen_instead
 
 RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
@@ -110,3 +111,26 @@ def test_a_ball_on_one_light_plane_is_refused_with_its_reason_although_another_b
     assert one.points == 100
     assert "single stripe" in one.sentence
     assert np.linalg.norm(one.centre - OTHER) < RADIUS
+
+
+def _biased(planes, bias):
+    """A ball on few stripes whose points lie `bias` mm RMS off its surface in a form of order three along each arc."""
+    points, stripe = scan(np.linspace(-9, 9, planes) + CENTRE[0], noise=0.005, floor=False)
+    outward = (points - CENTRE[:, None]) / RADIUS
+    place = outward[1] / np.abs(outward[1]).max()
+    return points + np.sqrt(2) * bias * outward * (4 * place**3 - 3 * place), stripe
+
+
+def test_a_bias_of_the_line_on_a_curved_surface_does_not_refuse_a_ball_whose_line_is_known():
+    """Who knows the widths of the line corrects its centres; the form of the others may be any surface's."""
+    points, stripe = _biased(2, 0.05)
+    refused = []
+    assert find_balls(points, RADIUS, free=True, stripe=stripe, refused=refused) == []
+    assert "with the form that its points follow" in refused[0].why
+
+    def widths(place, balls):
+        return np.zeros((len(balls), len(place)))
+
+    (found,) = find_balls(points, RADIUS, free=True, stripe=stripe, widths=widths)
+    assert np.linalg.norm(found.centre - CENTRE) < 0.1
+    assert undetermined(found, with_form=False) == "" and undetermined(found) != ""

@@ -63,7 +63,9 @@ def find_balls(
     empty list where there is no ball. Raises InputError where radii or shapes are not usable.
     `stripe` (n,) int light plane of each point: where few planes meet the points that no ball has yet, and radii are
     known, candidates come from the arcs of single stripes, which needs no neighbouring planes. `widths` of the lines
-    tell balls that share a single stripe from one another; without them none is found there. `refused` is given the
+    tell balls that share a single stripe from one another; without them none is found there. With widths the caller
+    corrects the centres of the lines, and then tests with `undetermined` whether few stripes determine the ball: their
+    bias on a curved surface looks like a form of it. `refused` is given the
     candidates that are no balls, with the requirement that each fails: of those on the same points the best supported.
 
     Every point votes for the centre along its normal (for unknown radii, where its normal meets its
@@ -296,7 +298,7 @@ class _Search:
             self.widths(place, np.array([[*fit.centre, fit.radius] for fit in balls]))
         )
         fit = balls[choice.number]
-        if why := choice.why or undetermined(fit) or self._filled(fit):
+        if why := choice.why or undetermined(fit, with_form=False) or self._filled(fit):
             return self._refuse(fit.centre, fit.radius, len(place), why)
         return fit
 

@@ -8,7 +8,7 @@ the offset N(0, 0.08^2) for all rows (the light plane's thickness changes with d
 widens the line), the logarithm of the likelihoods' ratio is half the difference of their chi-squares."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,8 @@ Widths = Callable[[np.ndarray, np.ndarray], np.ndarray]
 radius in mm; nan where a ball would not show the point."""
 LEAST_ARC = 20
 """Points of an arc from which on widths tell which ball it lies on."""
-_FEW = 3  # stripes
+FEW_STRIPES = 3
+"""Stripes up to which a ball has to be determined, and its lines as wide as on a ball, to count as found."""
 _ALIKE, _CHANCE = (
     0.05,
     4.0,
@@ -103,13 +104,17 @@ def centre_sigma(fit: BallFit) -> float:
     return float(np.sqrt(max(largest, 0.0) * shared))
 
 
-def undetermined(fit: BallFit) -> str:
-    """Why a ball on a single stripe or few does not count as found, "" where it does."""
-    sigma = centre_sigma(fit)
+def undetermined(fit: BallFit, with_form: bool = True) -> str:
+    """Why a ball on a single stripe or few does not count as found, "" where it does.
+
+    with_form: False for centres of the line that are not corrected for its curved surface yet, whose bias is a form.
+    """
+    sigma = centre_sigma(fit if with_form else replace(fit, form=0.0))
     if sigma <= DETERMINED_MM:
         return ""
+    form = ", with the form that its points follow" if with_form else ""
     return (
-        f"its few stripes determine its centre to {sigma:.2g} mm (1 sigma, with the form that its points follow), "
+        f"its few stripes determine its centre to {sigma:.2g} mm (1 sigma{form}), "
         f"expected {DETERMINED_MM:g} mm or less"
     )
 
@@ -117,10 +122,11 @@ def undetermined(fit: BallFit) -> str:
 def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths | None) -> str:
     """Why a fit to few of the stripes (n,) is no ball of the known radius (mm), "" where it is or has more stripes.
 
-    Arcs of two objects make a ball of any radius, an arc and a bit of another one make a ball of this one.
+    Arcs of two objects make a ball of any radius, an arc and a bit of another one make a ball of this one. With widths,
+    the form of the points does not count: who knows the line corrects its centres, and tests the corrected ones.
     """
     stripe_of_inliers = stripe[fit.inliers]
-    if len(np.unique(stripe_of_inliers)) > _FEW:
+    if len(np.unique(stripe_of_inliers)) > FEW_STRIPES:
         return ""
     if abs(fit.radius - radius) > max(_ALIKE * radius, _CHANCE * float(fit.std[-1])):
         return f"its points lie on a ball of radius {fit.radius:.4g} mm"
@@ -129,7 +135,7 @@ def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths |
         return (
             f"{outlier_count} points near its surface do not lie on it, {len(stripe_of_inliers)} do"
         )
-    return undetermined(fit) or _unlike_widths(fit, stripe, widths)
+    return undetermined(fit, widths is None) or _unlike_widths(fit, stripe, widths)
 
 
 def _unlike_widths(fit: BallFit, stripe: np.ndarray, widths: Widths | None) -> str:

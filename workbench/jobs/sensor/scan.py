@@ -14,7 +14,7 @@ from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import fit_ball, with_radius_variance
 from sensors.ball.result import ELSEWHERE, INCIDENCE, MISSING, BallFit
 from sensors.ball.search import Refusal, find_balls
-from sensors.ball.single_stripe import undetermined
+from sensors.ball.single_stripe import FEW_STRIPES, undetermined
 from sensors.boards.detection import Rejected
 from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
@@ -463,9 +463,12 @@ def _steepest(ball: BallFit, cloud: Cloud) -> float:
 
 
 def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
-    """Why a ball on one of the stripes (k,) of its points alone does not count as found, "" for others."""
-    is_single = len(fit.reason) == len(stripe) and np.ptp(stripe[fit.inliers]) == 0
-    return undetermined(fit) if is_single else ""
+    """Why a ball on one or few of the stripes (k,) of its points does not count as found, "" for others."""
+    is_known = fit.free is not None or fit.covariance[3, 3] == 0
+    if len(fit.reason) != len(stripe) or not is_known:
+        return ""
+    has_few = len(np.unique(stripe[fit.inliers])) <= FEW_STRIPES
+    return undetermined(fit) if has_few else ""
 
 
 def _fitted(points, view, lit, radius, start, options) -> BallFit:
