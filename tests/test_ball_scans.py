@@ -1,5 +1,6 @@
 """Points on balls as scans: one sample a scan, which says as much of the arm as its points, and one instant a pose."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from robot_model import load_robot
 from robot_model.system import bind, row_instants
 from scenes import assert_rows, differences
 from test_ball_surface import surface
+from workbench.commands import cli
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.diagnosis.robot.ball_scans import scans_of
@@ -131,3 +133,13 @@ def test_a_step_begins_between_two_poses():
     assert (
         0.05 < term.size < 0.3
     )  # of 0.27 mm a part is absorbed by the geometry, and half the poses moved
+
+
+def test_the_command_counts_scans(tmp_path):
+    profile_recording(20, 80, 6).save(tmp_path / "profiles")
+    run = tmp_path / "run"
+    assert cli.run(["diagnose", str(tmp_path / "profiles"), "--out", str(run)]) == 0
+    answer = json.loads((run / "answer.json").read_text())
+    assert answer["verdict"] == "consistent" and answer["samples"] == 20
+    assert len((run / "residuals.csv").read_text().splitlines()) == 21
+    assert (run / "solution.json").exists()

@@ -15,7 +15,8 @@ from workbench.core.profiler_start import algebraic_circles, solved_by_label
 
 _TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
 _STEPS = 30
-_BINS = 24  # of the circle's angle, for the noise along it
+_BINS = 24  # of the arc, for the noise along it
+_POINTS_OF_CELL = 8  # their RMS is twice the true one by chance in 1 of 10,000 cells
 _SIGMAS = 3.5  # beyond it lies 1 point in 2000 of a normal distribution
 _NOISY = 2.0  # an end that is this much noisier than the middle is glancing incidence or an edge
 _FEWEST = 10
@@ -175,29 +176,41 @@ def _within(gap, label, used, count):
 
 def _ragged_ends(flat, label, used, centre, gap, count):
     """(n,) True at the ends of arcs where the noise is twice that of the middle."""
-    cells = 4 * _BINS
-    cell = _cells_of_arc(flat - centre[:, label], label, used, count, cells)
-    cell_of_image = cell + cells * label
-    number = np.bincount(cell_of_image[used], minlength=cells * count)
-    power = np.bincount(cell_of_image[used], gap[used] ** 2, cells * count)
-    rms = np.sqrt(power / np.maximum(number, 1)).reshape(count, cells)
-    is_filled = (number >= 4).reshape(count, cells)
-    usual = np.array([np.median(r[f]) if f.any() else np.inf for r, f in zip(rms, is_filled)])
-    is_calm = is_filled & (rms < _NOISY * usual[:, None])
-    first = is_calm.argmax(1)
-    last = cells - 1 - is_calm[:, ::-1].argmax(1)
-    return (cell < first[label]) | (cell > last[label])
+    angle = _angles_from_middle(flat - centre[:, label], label, used, count)
+    is_ragged = np.zeros(len(label), bool)
+    for k in range(count):
+        mine = np.flatnonzero(label == k)
+        first, last = _calm_range(angle[mine], gap[mine], used[mine])
+        is_ragged[mine] = (angle[mine] < first) | (angle[mine] > last)
+    return is_ragged
 
 
-def _cells_of_arc(from_centre, label, used, count, cells):
-    """(n,) number of the cell, of so many round the circle, with the middle of the used arc in the middle cell."""
+def _calm_range(angle, gap, used) -> tuple[float, float]:
+    """First and last angle (rad) of the part of one arc between cells that are as calm as most.
+
+    A cell has as many points as tell twice the noise from chance, whatever their distance on the arc.
+    """
+    order = np.argsort(angle[used], kind="stable")
+    along, square = angle[used][order], gap[used][order] ** 2
+    size = max(_POINTS_OF_CELL, -(-len(along) // _BINS))
+    starts = np.arange(0, max(len(along) - size + 1, 1), size)
+    ends = np.append(starts[1:], len(along))  # the last cell takes the remainder
+    rms = np.sqrt(np.add.reduceat(square, starts) / (ends - starts))
+    calm = np.flatnonzero(rms < _NOISY * np.median(rms))
+    if not len(calm):
+        return -np.inf, np.inf
+    first = -np.inf if calm[0] == 0 else along[starts[calm[0]]]
+    last = np.inf if calm[-1] == len(rms) - 1 else along[ends[calm[-1]] - 1]
+    return first, last
+
+
+def _angles_from_middle(from_centre, label, used, count):
+    """(n,) rad, angle about the centre from the middle of the used arc of each profile, -pi to pi."""
     angle = np.arctan2(from_centre[1], from_centre[0])
     sine = np.bincount(label[used], np.sin(angle[used]), count)
     cosine = np.bincount(label[used], np.cos(angle[used]), count)
     middle = np.arctan2(sine, cosine)
-    turn = np.angle(np.exp(1j * (angle - middle[label])))
-    share = (turn / np.pi + 1) / 2
-    return np.clip((share * cells).astype(int), 0, cells - 1)
+    return np.angle(np.exp(1j * (angle - middle[label])))
 
 
 def _words(label, used, names):

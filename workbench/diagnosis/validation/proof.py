@@ -371,6 +371,8 @@ def _without_insignificant(
 
 
 def _insignificant(t: float, least: float) -> str:
+    if t < 0:
+        return f"next to the other terms it does not reduce the held-out error (t = {t:.1f}, required is {least:g})"
     return f"its held-out gain next to the other terms is not significant (t = {t:.1f}, required is {least:g})"
 
 

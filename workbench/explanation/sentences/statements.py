@@ -349,11 +349,13 @@ def _doubt(found: Finding) -> str:
     if more > 0:
         texts.append(f"{more} {'others are' if more > 1 else 'other is'} less probable")
     if likely[0].probability - found.probability > LISTED_PROBABILITY:
-        instead = f"This effect, which the model contains in its place, has {_probability(found)}"
+        instead = (
+            f"this effect, which the model contains, has a probability {_of_probability(found)}"
+        )
         texts = [texts[0], instead, *texts[1:]]
         return f"In these poses another cause is more probable: {'; '.join(texts)}."
     return (
-        f"In these poses the name is not certain. This effect has a probability of {_probability(found)}; "
+        f"In these poses the name is not certain. This effect has a probability {_of_probability(found)}; "
         f"{'; '.join(texts)}."
     )
 
@@ -366,6 +368,11 @@ def _other(alternative) -> str:
     if alternative.missing_covariate:
         missing = f" if {covariate(alternative.missing_covariate)} changed, which this recording does not hold"
     return f"{name} at {place(alternative.where)}{label} {_probability(alternative)}{missing}"
+
+
+def _of_probability(finding) -> str:
+    text = _probability(finding)
+    return text if text.startswith("below") else f"of {text}"
 
 
 def _probability(finding) -> str:

@@ -15,7 +15,11 @@ from workbench.core.vocabulary import Covariate, Place
 from workbench.diagnosis.levels import CRITICAL_T, MAJORITY
 from workbench.diagnosis.robot.derived import DEFLECTION, MOVE
 
-TIPS = {"ball-centre": "the ball", "ball-surface": "the ball", "external-point": "the reflector"}
+TIPS = {
+    "ball-centre": "the ball",
+    "ball-surface": "the surface of the ball",
+    "external-point": "the reflector",
+}
 _PLACES = {
     "time": "the clock",
     "noise": "the noise",

@@ -236,6 +236,8 @@ def _joint_needs(joint) -> Iterator[Need]:
 def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
     if not repeats.groups:
         what = "no pose is measured twice, so that noise and model errors cannot be separated"
+        if recording.measures == "ball-surface":
+            what += " (the points of a scan show their own noise, not that of the arm's poses)"
         yield Need("diagnose", False, what, "measure some poses two or three times (column repeat)")
         return
     stated = recording.sigma

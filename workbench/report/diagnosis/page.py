@@ -88,6 +88,8 @@ def page(diagnosis: Diagnosis) -> Page:
 def _error_name(diagnosis: Diagnosis) -> str:
     if diagnosis.unit != "mm":
         return "RMS distance in the image"
+    if diagnosis.measures == "ball-surface":
+        return "RMS radial distance of the points of a scan"
     is_number = diagnosis.views is not None and not diagnosis.views.has_direction
     return "RMS of the residual" if is_number else "RMS of the 3-D distance"
 

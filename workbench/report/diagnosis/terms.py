@@ -42,6 +42,8 @@ def before_and_after(diagnosis: Diagnosis):
 
 
 def _error_name(diagnosis: Diagnosis) -> str:
+    if diagnosis.measures == "ball-surface":
+        return "RMS radial distance of the points of a scan"
     return "RMS 3-D distance" if diagnosis.views.has_direction else "RMS residual"
 
 
