@@ -428,38 +428,13 @@ def _columns_of(samples, poses_per_sample: int, columns: int):
     )
 
 
-def row_instants(poses: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """(n,) clock of rows without a recorded time: the number of the row, from 0, that begins a static pose.
+def row_instants(poses: np.ndarray) -> np.ndarray:
+    """(n,) clock of the points of scans without a recorded time: the number of the row, from 0, that begins a pose.
 
-    poses, targets (n,): labels. Rows one after another with one pose are simultaneous, as those of several reflectors
-    or the points of a scan are; where a target is measured again, a repeat of the pose begins.
+    poses (n,): labels. The points of a scan are simultaneous: nothing moves between two of them.
     """
-    if not len(poses):
-        return np.zeros(0)
-    run = np.cumsum(np.append(False, poses[1:] != poses[:-1]))
-    occurrence = _occurrences(run, targets)
-    _, first, instant = np.unique(
-        np.stack([run, occurrence]), axis=1, return_index=True, return_inverse=True
-    )
-    return first[instant.ravel()].astype(float)
-
-
-def _occurrences(run: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """(n,) how often a row's target was measured before in its run."""
-    order = np.lexsort((targets, run))
-    is_new = np.append(
-        True, (np.diff(run[order]) != 0) | (targets[order][1:] != targets[order][:-1])
-    )
-    place = np.arange(len(order))
-    occurrence = np.empty(len(order), int)
-    occurrence[order] = place - np.maximum.accumulate(np.where(is_new, place, 0))
-    return occurrence
-
-
-def _targets(recording, measurement) -> np.ndarray:
-    """(n,) label of what each row measures of its pose: every point of a scan is another target."""
-    is_surface = recording.measures == "ball-surface"
-    return np.arange(recording.n) if is_surface else measurement.numbers
+    is_first = np.append(True, poses[1:] != poses[:-1])[: len(poses)]
+    return np.maximum.accumulate(np.where(is_first, np.arange(len(poses)), 0)).astype(float)
 
 
 def _state(robot, ends, variables, measurement, tool) -> State:
@@ -469,7 +444,9 @@ def _state(robot, ends, variables, measurement, tool) -> State:
         name: np.concatenate([columns[name] for columns in covariates_of_ends])
         for name in covariates_of_ends[-1]
     }
-    rows = row_instants(ends[0].poses, _targets(ends[0], measurement))
+    rows = np.arange(ends[0].n, dtype=float)
+    if ends[0].measures == "ball-surface":
+        rows = row_instants(ends[0].poses)
     covariates.setdefault("row", np.tile(rows, len(ends)))
     history = None
     if len(ends) == 1:  # two ends of a length have no order
