@@ -192,8 +192,13 @@ def artefact_mirrored(recording):
     )
 
 
-def moved(place, size_mm, size_deg):
-    """Base or tool moves at 60 % of the rows, by the model of the recording itself."""
+def last_rows(recording):
+    """(n,) bool: the last 40 % of the rows."""
+    return np.arange(recording.n) >= int(0.6 * recording.n)
+
+
+def moved(place, size_mm, size_deg, rows=last_rows):
+    """Base or tool is elsewhere in some rows, by the model of the recording itself."""
 
     def make(recording):
         model = Model(bind(load_robot(recording.robot), recording))
@@ -215,7 +220,7 @@ def moved(place, size_mm, size_deg):
             values[indices] += np.tile(shift, len(indices) // 3) * (np.arange(len(indices)) > 2)
         moved, still = model.parameters.unpack(model.parameters.pack()), model.parameters
         change = model.residual(replace(moved, values=values)) - model.residual(still)
-        change[:, : int(0.6 * recording.n)] = 0
+        change[:, ~rows(recording)] = 0
         return changed(recording, **model.chain.measurement.columns(change))
 
     return make
@@ -225,25 +230,40 @@ def set_up_again(size_mm, size_deg):
     """The instrument is set up elsewhere at 60 % of the rows: what it measures moves rigidly, also far."""
 
     def make(recording):
-        rng = np.random.default_rng(5)
-        shift = size_mm * unit(rng)
-        turn = Rotation.from_rotvec(np.deg2rad(size_deg) * unit(rng))
-        later = np.arange(recording.n) >= int(0.6 * recording.n)
-        points = np.where(later[:, None], turn.apply(recording.points) + shift, recording.points)
-        columns = dict(zip(POINT, points.T))
-        if set(QUATERNION) <= set(recording.columns):
-            names = ("qx", "qy", "qz", "qw")
-            before = np.stack([recording.columns[name] for name in names], -1)
-            after = (turn * Rotation.from_quat(before)).as_quat()
-            columns |= dict(zip(names, np.where(later[:, None], after, before).T))
-        for names in AXES:
-            if set(names) <= set(recording.columns):
-                before = np.stack([recording.columns[name] for name in names], -1)
-                after = np.where(later[:, None], turn.apply(before), before)
-                columns |= dict(zip(names, after.T))
-        return changed(recording, **columns)
+        elsewhere = stationed(recording, 5, size_mm, size_deg)
+        return mixed(recording, elsewhere, last_rows(recording))
 
     return make
+
+
+def stationed(recording, seed, size_mm, size_deg):
+    """What the instrument measures from another station."""
+    rng = np.random.default_rng(seed)
+    shift = size_mm * unit(rng)
+    turn = Rotation.from_rotvec(np.deg2rad(size_deg) * unit(rng))
+    columns = dict(zip(POINT, (turn.apply(recording.points) + shift).T))
+    if set(QUATERNION) <= set(recording.columns):
+        names = ("qx", "qy", "qz", "qw")
+        before = np.stack([recording.columns[name] for name in names], -1)
+        columns |= dict(zip(names, (turn * Rotation.from_quat(before)).as_quat().T))
+    for names in AXES:
+        if set(names) <= set(recording.columns):
+            before = np.stack([recording.columns[name] for name in names], -1)
+            columns |= dict(zip(names, turn.apply(before).T))
+    return changed(recording, **columns)
+
+
+def mixed(first, second, rows) -> Recording:
+    """The first recording, with the columns of the second in some rows (n,) bool."""
+    columns = {n: np.where(rows, second.columns[n], first.columns[n]) for n in first.columns}
+    return changed(first, **columns)
+
+
+def calculated(recording) -> Recording:
+    """Measurements that the nominal model calculates, without noise."""
+    model = Model(bind(load_robot(recording.robot), recording))
+    residual = model.residual(model.parameters)
+    return changed(recording, **model.chain.measurement.columns(residual))
 
 
 def unit(rng):

@@ -38,11 +38,12 @@ from workbench.fitting.plausibility.rows.change_points import (
     time_order,
 )
 from workbench.fitting.plausibility.rows.outliers import (
-    Reason,
+    Outliers,
     find_outliers,
     named_samples,
     outlier_reason,
 )
+from workbench.fitting.plausibility.rows.row_groups import Reason, largest_group
 from workbench.fitting.plausibility.rows.row_shifts import row_shift_suspicions
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
@@ -64,6 +65,14 @@ _EFFECT = 3.0
 _FAR_OF_LARGE_ERRORS = 5.0
 """Times the median mismatch, about 8 standard deviations, where errors of the arm make most of the mismatch."""
 _MAJORITY, _NEARLY_ALL = 0.6, 0.9
+_NOT_PROVEN = (
+    "unexplained",
+    "rows-shuffled",
+    "stuck-encoder",
+    "copied-column",
+    "constant-coordinate",
+)
+"""Causes of suspicions of a misfit that no fit confirms."""
 
 
 def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
@@ -207,9 +216,30 @@ def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Su
         yield from shifted
         return
     unexplained = list(misfit_suspicions(robot, recording, fit, scale_of_good_fit))
+    if all(suspicion.cause in _NOT_PROVEN for suspicion in unexplained):
+        of_groups = _judged(_of_groups, robot, recording, fit)
+        if of_groups:
+            yield from of_groups
+            return
     yield from unexplained
     if all(suspicion.cause == "unexplained" for suspicion in unexplained):
         yield from _isolated_rows(robot, recording, fit, named)
+
+
+def _of_groups(robot, recording, fit: Fit) -> Suspicion | None:
+    """What the rows have in common that do not agree with the largest group of rows that one model fits."""
+    named = f"samples.csv of recording '{recording.name}'"
+    scale_of_good_fit = good_scale(robot, recording)
+    group = largest_group(robot, recording, fit, time_order(recording), scale_of_good_fit)
+    if group is None:
+        return None
+    known = recording.select(np.flatnonzero(np.isfinite(group.mismatch)))
+    mismatch = group.mismatch[np.isfinite(group.mismatch)]
+    agree = mismatch < group.limit
+    outliers = Outliers(np.flatnonzero(~agree), mismatch, float(np.median(mismatch[agree])))
+    reason = outlier_reason(robot, known, group.fit, outliers)
+    is_named = reason.is_specific or reason.cause == "moved"
+    return _outlying(known, outliers, reason, named) if is_named else None
 
 
 def _isolated_rows(robot, recording, fit: Fit, named: str) -> Iterator[Suspicion]:

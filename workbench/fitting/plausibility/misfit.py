@@ -19,6 +19,7 @@ from workbench.fitting.plausibility.fitting import (
 from workbench.fitting.plausibility.hypotheses.corrections import observed_columns
 from workbench.fitting.plausibility.joint_columns.columns_at_rest import (
     constant_columns,
+    constant_coordinates,
     equal_columns,
     longest_run,
 )
@@ -310,6 +311,11 @@ def _columns_to_doubt(recording) -> Iterator[tuple[str, str]]:
             f"column{'s' * (len(constant) > 1)} {listed(constant)}: {verb} constant while other joints move, as of "
             "a stuck encoder; check the export of this joint",
             "stuck-encoder",
+        )
+    for name in constant_coordinates(recording):
+        yield (
+            f"column {name}: is constant while the other coordinates change; one value was copied into all rows",
+            "constant-coordinate",
         )
     for a, b in equal_columns(recording):
         yield (

@@ -16,6 +16,8 @@ _PAYLOAD_KG_AT_1_M = 60.0
 """More than any arm of 1 m reach carries; the limit grows with the cube of the reach."""
 _WARMEST_AMBIENT_C, _WARMEST_C = 55.0, 160.0
 _LONGEST_STEP_S = 1200.0
+_ROUNDING = 1.2
+"""Times the stated noise: it contains that of rounding, and is itself stated with few digits."""
 
 
 def stated_value_suspicions(robot, recording) -> Iterator[Suspicion]:
@@ -121,7 +123,7 @@ def _rounded_points(robot, recording):
         if sigma is None or name not in recording.columns:
             return
         step = lattice_step(recording.columns[name])
-        if step / np.sqrt(12) > 2 * np.median(sigma):
+        if step / np.sqrt(12) > _ROUNDING * np.median(sigma):
             yield Suspicion(
                 f"{_column(recording, name)}: all values are multiples of {step:g} mm, so that rounding alone has a "
                 f"standard deviation of {step / np.sqrt(12):.2g} mm, but sigma_mm is {np.median(sigma):.2g}; export "

@@ -139,6 +139,20 @@ def _quaternions():
         lambda columns: {name: columns[source] for name, source in zip(true, QUATERNION)},
         QUATERNION,
     )
+    for names in (*combinations(vector, 1), *combinations(vector, 2)):
+        yield _component_signs(names)
+
+
+def _component_signs(names) -> Correction:
+    """One or two components of the vector part with the opposite sign; all three are the inverse rotation."""
+    return column_correction(
+        "quaternion-sign",
+        named_columns(names),
+        f"{'have' if len(names) > 1 else 'has'} the opposite sign",
+        f"multiply {'them' if len(names) > 1 else 'it'} by -1",
+        lambda columns: {name: -columns[name] for name in names},
+        QUATERNION,
+    )
 
 
 def _inverse_pose() -> Correction:

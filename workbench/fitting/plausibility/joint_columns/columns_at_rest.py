@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from datasets.samples.columns import joint_columns
+from datasets.samples.columns import POINT, joint_columns
 
 _LEAST_RUN, _MOST = 10, 0.7
 
@@ -10,6 +10,13 @@ _LEAST_RUN, _MOST = 10, 0.7
 def constant_columns(recording) -> list[str]:
     """Joint columns with one value only, where at least one other column varies."""
     names = joint_columns(recording.columns)
+    still = [name for name in names if np.ptp(recording.columns[name]) == 0]
+    return still if len(still) < len(names) else []
+
+
+def constant_coordinates(recording) -> list[str]:
+    """Measured coordinates with one value only, where at least one other coordinate varies."""
+    names = [name for name in POINT if name in recording.columns]
     still = [name for name in names if np.ptp(recording.columns[name]) == 0]
     return still if len(still) < len(names) else []
 

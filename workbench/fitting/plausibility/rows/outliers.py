@@ -14,6 +14,13 @@ from workbench.fitting.plausibility.hypotheses.row_corrections import (
     shift_steps,
 )
 from workbench.fitting.plausibility.joint_columns.columns_at_rest import longest_run
+from workbench.fitting.plausibility.rows.row_groups import (
+    Reason,
+    another_frame,
+    interchanged_columns,
+    lost_signs,
+    readings_in_other_unit,
+)
 
 FAR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
@@ -120,15 +127,6 @@ def _is_condition(recording, rows: np.ndarray) -> bool:
     return False
 
 
-@dataclass(frozen=True)
-class Reason:
-    """Why rows are outliers: a part of a sentence, the cause in one term, and whether the rows prove it."""
-
-    sentence: str
-    cause: str
-    is_specific: bool = True
-
-
 def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
     """The most specific reason that the outlying rows agree with."""
     near = _NEAR * outliers.median
@@ -136,17 +134,29 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         _stuck,
         _other_labels,
         _other_unit,
+        _of_group(readings_in_other_unit),
+        _of_group(lost_signs),
+        _of_group(interchanged_columns),
         _lost_decimal_points,
         _shifted,
         _interchanged,
+        _wrong_target,
+        _of_group(another_frame),
     ):
         reason = explain(robot, recording, fit, outliers, near)
         if reason is not None:
             return reason
-    return _wrong_target(recording, outliers) or Reason(outliers.likely_cause, "blunders", False)
+    return Reason(outliers.likely_cause, "blunders", False)
 
 
-def _wrong_target(recording, outliers) -> Reason | None:
+def _of_group(explain):
+    """An explanation of a group of rows as one of outliers."""
+    return lambda robot, recording, fit, outliers, near: explain(
+        robot, recording, fit, outliers.rows, near
+    )
+
+
+def _wrong_target(robot, recording, fit, outliers, near) -> Reason | None:
     """Nearly all rows of one ball or reflector are outliers."""
     label = "ball" if recording.measures in ("ball-centre", "ball-surface") else "reflector"
     numbers = recording.columns.get(label)
