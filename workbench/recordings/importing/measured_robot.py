@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from datasets.importers.mapping.columns.headers import read_header
+from datasets.importers.mapping.columns.reflectors import stacked
 from datasets.importers.mapping.conversion import complete_rows
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
@@ -51,8 +52,8 @@ _FIXED_ROWS = (
 )
 _HAND_EYE = (
     " A hand-eye calibration with `workbench handeye` needs no joint readings: with flange poses, this command reads "
-    "images of a board, profiles or clouds of a ball, and a table of centres of one fixed ball in the frame of the "
-    "sensor, unless no hand-eye transform keeps the ball in its place. Tables of poses of a marker are not read."
+    "images of a board, profiles or clouds of a ball, and tables of poses of a marker or of centres of one fixed ball "
+    "in the frame of the sensor, unless no hand-eye transform connects them."
 )
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
@@ -126,8 +127,8 @@ def decide_table(found, options, progress) -> DecidedTable:
     Raises as `import_table`.
     """
     mapping, candidates, said = _with_robot(found, options, progress)
-    table = found.table
-    found = replace(found, mapping=mapping)
+    table = _with_reflectors(found, mapping)
+    found = replace(found, mapping=mapping, table=table)
     clocks = _decide_clocks(found, mapping, candidates, options, progress)
     if clocks is not None:
         table, joined = found.timed.joined_at(clocks.seconds)
@@ -144,7 +145,7 @@ def decide_table(found, options, progress) -> DecidedTable:
 def _with_robot(found, options, progress):
     """The mapping with columns and robot, every robot that the name may mean, and sentences on what was assumed."""
     mapping, said = with_unnamed_columns(found, options, progress)
-    table = found.table
+    table = _with_reflectors(found, mapping)
     named = options.robot or mapping.robot
     missing = _missing(table, mapping)
     if missing:
@@ -155,6 +156,12 @@ def _with_robot(found, options, progress):
         named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
     mapping = replace(mapping, robot=named)
     return mapping, _candidates(named, table, mapping), said
+
+
+def _with_reflectors(found, mapping: Mapping) -> RawTable:
+    """The table with a row for each reflector, where the fit to the robot has found them in one row."""
+    is_new = mapping.reflectors and not found.mapping.reflectors
+    return stacked(found.table, mapping) if is_new else found.table
 
 
 def with_unnamed_columns(found, options, progress) -> tuple[Mapping, tuple[str, ...]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from datasets.importers.mapping.columns.column_units import each_unit, joined_units
 from datasets.importers.mapping.columns.headers import Header
+from datasets.importers.mapping.columns.reflectors import POSE, REFLECTOR
 from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.conversion import complete_rows
 from datasets.importers.mapping.left_out import unused_columns
@@ -30,6 +31,10 @@ from workbench.recordings.importing.interpretation.questions import Question, ch
 
 _MOST_TESTED = 300
 _SCREENED_FITS = 4
+_MOST_OF_POINT = 3
+_ABOUT_ONE_TURN = 400.0  # deg, which radians never reach
+_RIGID, _TURNED = 0.01, 0.01
+"""Changes of the distance and of the direction between two reflectors, as shares of their distance."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,9 @@ def find_unnamed(
     if mapping.joints is None:
         best += _exchanged(table, best[0], positions)
     chosen = best[0]
+    reflectors = _as_reflectors(table, best[0], found) if mapping.point is None else None
+    if reflectors is not None:
+        chosen, best = reflectors, best[:1]
     if len(best) > 1:
         lines = [
             f"[joints] columns = {list(candidate.mapping.joints.columns)}, "
@@ -99,9 +107,13 @@ def _sentence(table: RawTable, mapping: Mapping, chosen: _Found, has_surplus: bo
     if has_surplus:
         all_joints = f"the readings of the {len(read.joints.columns)} joints"
     which = [(all_joints, read.joints.columns)] if mapping.joints != read.joints else []
-    which += [("the measured point", read.point.columns)] if mapping.point is None else []
+    if read.reflectors:
+        columns = [name for names in read.reflectors.values() for name in names]
+        which += [(f"the points of {len(read.reflectors)} reflectors on one tool", tuple(columns))]
+    elif mapping.point is None:
+        which += [("the measured point", read.point.columns)]
     labels = tuple(name for name in read.columns if name not in mapping.columns)
-    which += [("the reflector of each row", labels)] if labels else []
+    which += [("the reflector of each row", labels)] if labels and not read.reflectors else []
     named = " and ".join(f"{', '.join(columns)} as {what}" for what, columns in which)
     *first, last = (what for what, _ in which)
     missing = f"{', '.join(first)} or {last}" if first else last
@@ -124,11 +136,65 @@ def _handedness(table: RawTable, point: Group) -> str:
     )
 
 
+def _as_reflectors(table: RawTable, best: _Found, found: Sequence[_Found]) -> _Found | None:
+    """The first of several sets with the points of all as reflectors on one tool; None where they are none.
+
+    found: all that fit, also where the best one fits clearly better than reflectors far from the flange.
+
+    Reflectors keep their distances from one another, and the vectors between them rotate with the tool.
+    """
+    ordered = _side_by_side(
+        table, [one for one in found if one.mapping.joints == best.mapping.joints]
+    )
+    if len(ordered) < 2 or best.mapping.columns != ordered[0].mapping.columns:
+        return None
+    first = ordered[0].mapping
+    points = [candidate.mapping.point.columns for candidate in ordered]
+    rows, _ = complete_rows(table, first)
+    seen = [np.stack([rows.columns[name] for name in names], axis=1) for names in points]
+    if not all(_keeps_its_distance(one - other) for one, other in combinations(seen, 2)):
+        return None
+    names = {str(place): columns for place, columns in enumerate(points, 1)}
+    columns = {**first.columns, REFLECTOR: REFLECTOR, POSE: POSE}
+    return replace(ordered[0], mapping=replace(first, reflectors=names, columns=columns))
+
+
+def _side_by_side(table: RawTable, found: Sequence[_Found]) -> list[_Found]:
+    """The largest number of sets that share no column, in the order of the file; [] where several choices are as large.
+
+    Where a tool hardly rotates, y and z of one reflector fit with x of the next one, too.
+    """
+    places = list(table.columns)
+    starts = {}
+    for candidate in found:
+        place = places.index(candidate.mapping.point.columns[0])
+        if candidate.mapping.point.columns == tuple(places[place : place + 3]):
+            starts.setdefault(place, candidate)
+    chains = []
+    for first in starts:
+        chain = [first]
+        chain += [place for place in range(first + 3, len(places), 3) if place in starts]
+        chains.append(chain)
+    most = max(map(len, chains), default=0)
+    longest = [chain for chain in chains if len(chain) == most]
+    return [starts[place] for place in longest[0]] if len(longest) == 1 else []
+
+
+def _keeps_its_distance(vectors: np.ndarray) -> bool:
+    """Whether vectors (n, 3) between two points keep their length and change their direction."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    length = float(np.median(lengths))
+    change = float(np.median(np.abs(lengths - length)))
+    turned = float(np.linalg.norm(np.std(vectors, axis=0)))
+    return change < _RIGID * length and turned > _TURNED * length
+
+
 def _exchanged(table: RawTable, best: _Found, positions) -> list[_Found]:
     """The set with two joint columns exchanged, for each pair where it fits about as well: joints that hardly move."""
     columns = best.mapping.joints.columns
     found = []
-    for i, j in combinations(range(len(columns)), 2):
+    moving = [k for k, name in enumerate(columns) if _changes(table.columns[name])]
+    for i, j in combinations(moving, 2):
         order = list(columns)
         order[i], order[j] = order[j], order[i]
         joints = replace(best.mapping.joints, columns=tuple(order))
@@ -156,7 +222,8 @@ def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
 def _fitting(table, mapping: Mapping, robot: Robot, positions) -> Iterator[_Found]:
     """Mappings that fit a robot, with their units undecided."""
     tried = 0
-    for joints, point in product(_joint_groups(table, mapping, robot), _points(table, mapping)):
+    groups = sorted(_joint_groups(table, mapping, robot), key=lambda g: not _may_turn(table, g))
+    for joints, point in product(groups, _points(table, mapping)):
         if set(joints.columns) & set(point.columns) or tried >= _MOST_TESTED:
             continue
         tried += 1
@@ -174,7 +241,7 @@ def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
     rows = complete_rows(table, complete_mapping)[0]
     readings = list(decisions.unit_readings(complete_mapping))
     build = partial(positions, robot, rows)
-    fits = decisions.compare(robot, readings, build, _SCREENED_FITS)
+    fits = decisions.compare(robot, readings, build, _SCREENED_FITS, is_good_only=True)
     return _Found(complete_mapping, fits[0][1], robot) if fits and fits[0][1].is_good else None
 
 
@@ -250,10 +317,21 @@ def _group(table: RawTable, names: Sequence[str]) -> Group:
     return Group(tuple(names), joined_units([headers[name].unit for name in names]), None)
 
 
-def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...]]:
-    """Neighbouring columns of numbers that change, hold no commanded value and no number of the row.
+def _may_turn(table: RawTable, group: Group) -> bool:
+    """Whether columns stay within about one turn in either direction: such sets are tested first."""
+    cells = np.stack([table.columns[name] for name in group.columns])
+    return bool(np.nanmax(np.abs(cells)) < _ABOUT_ONE_TURN)
 
-    units: those that the header of each of them may state.
+
+def _changes(cells: np.ndarray) -> bool:
+    return bool(np.nanmax(cells) > np.nanmin(cells))
+
+
+def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...]]:
+    """Neighbouring columns of numbers that hold no commanded value and no number of the row.
+
+    units: those that the header of each of them may state. Of the joints of an arm, half may stand still; else all
+    columns change.
     """
     headers = headers_of(table)
     unused = unused_columns(table, mapping)
@@ -263,7 +341,7 @@ def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...
         cells = table.columns[name]
         header = headers[name]
         is_number = name in unused and cells.dtype.kind == "f" and np.isfinite(cells).sum() > count
-        fits = is_number and np.nanmax(cells) > np.nanmin(cells)
+        fits = is_number and (_changes(cells) or count > _MOST_OF_POINT)
         said = header.is_nominal or header.is_deviation or header.kind == "time"
         usable.append(name if fits and not said and not _is_row_number(cells, header) else None)
     windows = [tuple(usable[k : k + count]) for k in range(len(usable) - count + 1)]
@@ -271,6 +349,7 @@ def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...
         names
         for names in windows
         if None not in names
+        and 2 * sum(_changes(table.columns[name]) for name in names) >= count
         and all(
             headers[name].unit in (None, *unit_of_group)
             for name, unit_of_group in zip(names, units)

@@ -257,6 +257,9 @@ def _nothing_known(table: RawTable, mapping: Mapping) -> InputError:
 def is_mapped(mapping: Mapping, name: str) -> bool:
     """Whether a quantity or a covariate is read from a column."""
     groups = [getattr(mapping, quantity) for quantity in QUANTITIES]
-    return name in mapping.columns or any(
-        name in group.columns for group in groups if group is not None
+    of_reflectors = any(name in names for names in mapping.reflectors.values())
+    return (
+        of_reflectors
+        or name in mapping.columns
+        or any(name in group.columns for group in groups if group is not None)
     )
