@@ -88,6 +88,7 @@ def finding(
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, judged, result)
     more = (*_own_gravity(search, i, table), *_own_torque(search, i))
+    more += _simpler_compliances(search, i, table, judged)
     return _with_confounded_laws(result, more)
 
 
@@ -161,6 +162,27 @@ def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[A
     alike = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
     why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
     return (Alternative(*key, "", 0.0, alike, why),) if alike >= CONFOUNDED_SHARE else ()
+
+
+def _simpler_compliances(
+    search: Search, i: int, table: Sequence[Hypothesis], judged: Hypothesis
+) -> tuple[Alternative, ...]:
+    """Compliances elsewhere that explain as much as an accepted one but for chance, with fewer coefficients.
+
+    A bearing of joint 1 tilts as a pedestal whose two compliances are equal. Only the sizes that are usual at either
+    place then speak for the one with more. Where first moments are estimated, too, the laws share these.
+    """
+    accepted, chance = search.accepted[i], CLOSE_GAIN * search.variance()
+    if accepted.effect not in ELASTIC or accepted.label.startswith(LABEL):
+        return ()
+    found: dict[tuple[str, str], Alternative] = {}
+    for h in table:
+        is_simpler = h.effect in ELASTIC and h.key != accepted.key and h.rank < judged.rank
+        if is_simpler and h.gain > judged.gain - chance:
+            alike = min(1.0, h.gain / max(judged.gain, 1e-300))
+            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+            found.setdefault(h.key, Alternative(*h.key, h.label, 0.0, alike, why))
+    return tuple(found.values())
 
 
 def _own_torque(search: Search, i: int) -> tuple[Alternative, ...]:
