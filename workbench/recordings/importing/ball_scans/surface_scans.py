@@ -176,30 +176,37 @@ def _clouds(files, radius) -> list[np.ndarray]:
 def read_profiles(files, radius: float) -> list[np.ndarray]:
     """(3, k) mm of every profile, in the unit under which they show sections of the ball. Raises InputError."""
     raw = [read_cloud(path, _MOST_POINTS).T for path in files]
-    possible = []
+    possible, obstacles = [], []
     for unit in _UNITS:
         scaled = [LENGTHS[unit] * thinned(part) for part in raw]
-        share = _share_of_sections(scaled, radius)
+        share, obstacle = _share_of_sections(scaled, radius)
+        obstacles.append(obstacle)
         if share > 0.5:
             possible.append((share, unit, scaled))
     if not possible:
         raise InputError(
             f"{files[0].name}: expected sections of a ball of radius {radius:g} mm with coordinates in "
-            f"{', '.join(_UNITS)}, found none; correct --ball-radius or check the profiles."
+            f"{', '.join(_UNITS)}, found none{next(filter(None, obstacles), '')}; correct --ball-radius or check the "
+            "profiles."
         )
     return max(possible, key=lambda item: item[0])[2]
 
 
-def _share_of_sections(profiles, radius) -> float:
-    """Share of the profiles whose circle has a radius that a section of the ball can have, largest near the ball's."""
+def _share_of_sections(profiles, radius) -> tuple[float, str]:
+    """Share of the profiles whose circle has a radius that a section of the ball can have, largest near the ball's.
+
+    Then what kept all circles from being fitted, in brackets, or "".
+    """
     try:
         circles = profile_circles(profiles, _LARGEST_CIRCLE * radius)
-    except (InputError, np.linalg.LinAlgError):
-        return 0.0
+    except InputError as error:
+        return 0.0, f" ({str(error).rstrip('.')})"
+    except np.linalg.LinAlgError:
+        return 0.0, ""
     fits = (circles.radius < _LARGEST_CIRCLE * radius) & (
         circles.radius > _SMALLEST_CIRCLE * radius
     )
-    return float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean())
+    return float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean()), ""
 
 
 def profile_circles(profiles, largest: float) -> Circles:
