@@ -168,7 +168,12 @@ def _squares(model: Model, fit: Fit, left_out: np.ndarray) -> np.ndarray:
 def _replicates(
     recording, model: Model, residual: np.ndarray, wrong: np.ndarray
 ) -> Replicates | None:
-    """Noise from rows of one pose, target and load; rows that are copies of one another are counted once."""
+    """Noise from rows of one pose, target and load; rows that are copies of one another are counted once.
+
+    None for points of a ball's surface: those of one pose lie at different places of the ball, and repeat nothing.
+    """
+    if recording.measures == "ball-surface":
+        return None
     retained = np.flatnonzero(~wrong)
     retained = retained[_first_of_copies(residual[:, retained])]
     keys = [recording.poses, model.chain.measurement.numbers[: recording.n]]
