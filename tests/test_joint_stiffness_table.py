@@ -65,3 +65,8 @@ def _compliances(model, free, shift) -> np.ndarray:
     state = replace(model.chain.state, load_centre=model.chain.state.load_centre + shift)
     fit = solve(Model(replace(model.chain, state=state), model.effects), free)
     return fit.parameters.values[[free.index[key] for key in KEYS]]
+
+
+def test_the_table_says_that_unmodelled_effects_may_be_in_a_stiffness():
+    assert "unmodelled effects" in holds_for([ROW], is_misfit=True)
+    assert not holds_for([ROW | {"stiffness": None}], is_misfit=True)

@@ -30,7 +30,8 @@ def calibration(console, answer: Mapping) -> None:
 
     curves = answer.get("joint_curves", [])
     _joint_curves(console, curves)
-    _stiffness(console, answer.get("stiffness", []))
+    is_misfit = answer.get("noise", {}).get("level", "none") != "none"
+    _stiffness(console, answer.get("stiffness", []), is_misfit)
     _terms(console, answer.get("terms", []))
     described = tuple(f"{row['where']}.{JointCurve.effect}." for row in curves)
     others = [p for p in answer["parameters"] if not _key(p).startswith(described)]
@@ -196,13 +197,13 @@ def _verdict(stage: Mapping) -> str:
     return "" if earned is None or earned else "not retained"
 
 
-def _stiffness(console, stiffness: Sequence[Mapping]) -> None:
+def _stiffness(console, stiffness: Sequence[Mapping], is_misfit: bool) -> None:
     """Stiffness of the joints in N m/rad where loads or masses are known, else deflection under the links."""
     if not stiffness:
         return
     title, head, rows = stiffness_table(stiffness)
     grid(console, title, head, rows, left=3)
-    if validity := holds_for(stiffness):
+    if validity := holds_for(stiffness, is_misfit):
         console.print(f"{validity.replace('`', '')}\n", markup=False)
 
 

@@ -28,14 +28,26 @@ def stiffness_table(stiffness: Sequence[Mapping]) -> tuple[str, list[str], list[
     return title, [*HEAD, CENTRE_HEAD], rows
 
 
-def holds_for(stiffness: Sequence[Mapping]) -> str:
-    """A sentence on the centre of the load, where the stated stiffness depends on it; else ""."""
-    if not any(row.get("centre_per_mm") for row in stiffness):
-        return ""
-    return (
-        "Stiffness holds for the centre of the load as stated (`com_mm` of `[payload]`). The standard deviations "
-        "do not contain its uncertainty; the last column lists the change for 10 mm in the least favourable direction."
-    )
+def holds_for(stiffness: Sequence[Mapping], is_misfit: bool = False) -> str:
+    """Sentences on what the stated stiffness depends on: unmodelled effects, the centre of the load; else "".
+
+    is_misfit: the residual contains unmodelled effects.
+    """
+    sentences = []
+    if is_misfit and any(row["stiffness"] is not None for row in stiffness):
+        sentences.append(
+            "The residual contains unmodelled effects. A stiffness may contain a part of them, and its standard "
+            "deviation does not: use the compliance that `workbench diagnose` states."
+        )
+    if any(row.get("centre_per_mm") for row in stiffness):
+        sentences.append(_CENTRE)
+    return " ".join(sentences)
+
+
+_CENTRE = (
+    "Stiffness holds for the centre of the load as stated (`com_mm` of `[payload]`). The standard deviations "
+    "do not contain its uncertainty; the last column lists the change for 10 mm in the least favourable direction."
+)
 
 
 def stiffness_text(row: Mapping) -> str:

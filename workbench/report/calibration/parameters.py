@@ -32,11 +32,13 @@ def stiffness(calibration) -> dict | None:
     if not calibration.stiffness:
         return None
     title, head, rows = stiffness_table(calibration.stiffness)
+    noise = getattr(calibration, "noise", None)
+    is_misfit = noise is not None and noise.level != "none"
     return {
         "title": title,
         "head": head,
         "rows": rows,
-        "holds_for": holds_for(calibration.stiffness),
+        "holds_for": holds_for(calibration.stiffness, is_misfit),
     }
 
 
