@@ -133,3 +133,10 @@ def test_a_noise_in_another_unit_is_not_compared():
     )
     usual = judge(Residual(0.11, "mm", "held-out RMS position error", 100), Noise(0.01, "stated"))
     assert "cannot be that" not in usual.sentence
+
+
+def test_errors_of_one_number_for_each_sample_are_named():
+    from workbench.fitting.verdicts.calibration_verdict import remark_on_kind
+
+    assert "distances of the measured points from the ball" in remark_on_kind("ball-surface")
+    assert remark_on_kind("external-point") == remark_on_kind("external-pose") == ""

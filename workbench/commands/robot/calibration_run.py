@@ -57,6 +57,7 @@ def solve_into(
     """
     from workbench.fitting.verdicts.calibration_verdict import (
         calibration_verdict,
+        remark_on_kind,
         with_remark,
         with_sensor,
     )
@@ -69,6 +70,7 @@ def solve_into(
     calibration = calibrate(found, progress=say, **options)
     say("comparing the residual with the noise")
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
+    verdict = with_remark(verdict, remark_on_kind(calibration.recording.measures))
     verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
     stated = calibration.as_json()
     of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())

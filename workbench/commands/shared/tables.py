@@ -170,8 +170,11 @@ def _longest(rows: Sequence[Sequence], index: int) -> int:
 
 
 def _errors(console, answer: Mapping) -> None:
+    from workbench.fitting.verdicts.calibration_verdict import ONE_NUMBER
+
     title = f"{answer['recording']}: {answer['samples']} samples, {answer['measures']}"
-    for what, measures in (("3-D error, mm", MEASURES), ("rotation error, deg", ROTATION_MEASURES)):
+    position = "residual, mm" if answer["measures"] in ONE_NUMBER else "3-D error, mm"
+    for what, measures in ((position, MEASURES), ("rotation error, deg", ROTATION_MEASURES)):
         blocks = [name for name in _BLOCKS if measures[0] in answer.get(name, ())]
         if not blocks:
             continue

@@ -41,6 +41,21 @@ class _Quantity:
     degrees: float
 
 
+ONE_NUMBER = {
+    "ball-surface": "distances of the measured points from the ball",
+    "plane-touch": "distances of the tip from the plane",
+    "distance": "errors of the lengths",
+}
+
+
+def remark_on_kind(measures: str) -> str:
+    """What the errors of a recording are whose samples are one number each; "" for all other kinds."""
+    if measures not in ONE_NUMBER:
+        return ""
+    meaning = f"These errors are {ONE_NUMBER[measures]}: one number for each sample."
+    return f"{meaning} The 3-D error of the arm may be larger."
+
+
 def units_of(measures: str) -> tuple[str, ...]:
     """Units of the tolerances that a calibration of this kind of recording can judge; the first is the default."""
     return ("mm", "deg") if measures in _ORIENTED else ("mm",)
