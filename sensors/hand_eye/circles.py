@@ -199,9 +199,8 @@ def _calm_range(angle, gap, used) -> tuple[float, float]:
     calm = np.flatnonzero(rms < _NOISY * np.median(rms))
     if not len(calm):
         return -np.inf, np.inf
-    first = -np.inf if calm[0] == 0 else along[starts[calm[0]]]
-    last = np.inf if calm[-1] == len(rms) - 1 else along[ends[calm[-1]] - 1]
-    return first, last
+    # what an earlier step has cut beyond these ends stays cut
+    return along[starts[calm[0]]], along[ends[calm[-1]] - 1]
 
 
 def _angles_from_middle(from_centre, label, used, count):
