@@ -140,3 +140,10 @@ def test_the_command_counts_scans(tmp_path):
     assert answer["verdict"] == "consistent" and answer["samples"] == 20
     assert len((run / "residuals.csv").read_text().splitlines()) == 21
     assert (run / "solution.json").exists()
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_an_arm_that_repeats_worse_than_its_profiler_measures_shows_no_effect(seed):
+    rng = np.random.default_rng(seed)
+    recording = profile_recording(30, 80, seed, 0.01, lambda q: 3e-5 * rng.normal(size=q.shape))
+    assert diagnose(recording).verdict == "consistent"

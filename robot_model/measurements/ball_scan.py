@@ -95,14 +95,11 @@ class BallScan:
         """
         centres = self.balls.close(frames, values, deltas)
         displacement = centres.residual.copy()
-        slope = np.ones_like(self.radius)
         is_profile = np.isfinite(self.section)
         y = (centres.residual + self.measured)[1]
         off_surface = (y**2 + self.section**2 - self.radius**2) / (2 * self.radius)
         displacement[1] = np.where(is_profile, off_surface, displacement[1])
-        slope = np.where(is_profile, y / self.radius, slope)
-        by_centre = self.root.copy()
-        by_centre[:, :, 1] *= slope[:, None]
+        by_centre = self.place_factor(y)
 
         def scaled(rows):
             return np.einsum("nij,kjn->kin", by_centre, rows)
@@ -116,6 +113,12 @@ class BallScan:
             {port: scaled(rows) for port, rows in centres.port_rows.items()},
             to_world=lambda gap: centres.to_world(np.einsum("nij,jn->in", seen, gap)),
         )
+
+    def place_factor(self, y: np.ndarray) -> np.ndarray:
+        """(n, 3, 3) M with the residual M e for a displacement e (mm) of the ball; y (n,) mm of its centre."""
+        factor = self.root.copy()
+        factor[:, :, 1] *= np.where(np.isfinite(self.section), y / self.radius, 1.0)[:, None]
+        return factor
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and hand-eye (6,), as for ball centres."""

@@ -37,6 +37,7 @@ from workbench.diagnosis.robot.derived import (
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
+from workbench.diagnosis.robot.scan_weights import with_errors_of_poses
 from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
@@ -83,7 +84,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     checked = check_samples(recording, trust_data)
     moving = checked.recording
     if moving.measures == "ball-surface":
-        moving = scans_of(checked.robot, moving)
+        moving = with_errors_of_poses(checked.robot, scans_of(checked.robot, moving))
     _check_enough(moving)
     chain = bind(checked.robot, moving)
     chain = replace(chain, state=with_derived(chain, moving.poses))
