@@ -76,3 +76,18 @@ def test_readings_with_one_component_of_the_wrong_sign_have_a_correction():
     names = ("qw", "qx", "qy", "qz")
     right = [all(np.array_equal(c[n], sound.columns[n]) for n in names) for c in corrected]
     assert right.count(True) == 1
+
+
+def test_a_joint_at_rest_in_most_rows_is_not_the_reason_of_a_few_outliers():
+    from workbench.fitting.plausibility.fitting import fit_recording, row_mismatch
+    from workbench.fitting.plausibility.rows.outliers import Outliers, outlier_reason
+
+    sound = unused(POINTS)
+    first = np.where(np.arange(sound.n) < 20, sound.columns["q1_deg"], sound.columns["q1_deg"][20])
+    robot, resting = load_robot(sound.robot), changes.changed(sound, q1_deg=first)
+    fit = fit_recording(robot, resting)
+    mismatch = row_mismatch(robot, resting, fit)
+    few = Outliers(np.array([30, 60, 90, 120]), mismatch, 0.05)
+    assert outlier_reason(robot, resting, fit, few).cause != "stuck-encoder"
+    many = Outliers(np.arange(25, sound.n), mismatch, 0.05)
+    assert outlier_reason(robot, resting, fit, many).cause == "stuck-encoder"
