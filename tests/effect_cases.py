@@ -61,6 +61,7 @@ ADDITIONS = {
     "cyclic-lead-error",
     "payload-centre",
     "sensor-thermal-growth",
+    "range-offset",
 }
 
 
@@ -185,6 +186,7 @@ CASES = (
     ("azimuth-harmonic", "instrument", {"order": 5.0}),
     ("elevation-harmonic", "instrument", {"order": 3.0}),
     ("instrument-range-scale", "instrument", {}),
+    ("range-offset", "instrument", {}),
     ("reflector-incidence", "tool", {}),
     ("angular-noise", "noise", {}),
     ("link-self-weight", "joint-3", {}),

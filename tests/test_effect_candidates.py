@@ -95,7 +95,7 @@ def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
     assert not ROBOT["shift"]("tool", 3.5).of_session
     encoders = {"azimuth-harmonic", "elevation-harmonic"}
-    instrument = {"sight-line-refraction", "reflector-incidence"} | encoders
+    instrument = {"sight-line-refraction", "reflector-incidence", "range-offset"} | encoders
     stands = {"base-drift", "warm-up", "shift"}
     assert of_session == stands | {"time-offset", "reading-lag", "payload"} | instrument
     warm_ups = {kind.places: kind.of_session for kind in ROBOT.values() if kind.effect == "warm-up"}

@@ -87,6 +87,7 @@ CAUSES = (
     ("azimuth-harmonic", "instrument", {"order": 5}, {"cos5": 3e-4, "sin5": 2e-4}),
     ("elevation-harmonic", "instrument", {"order": 7}, {"cos7": 3e-4, "sin7": 2e-4}),
     ("instrument-range-scale", "instrument", {}, {"instrument.range-scale.scale": 3e-4}),
+    ("range-offset", "instrument", {}, {"offset": 0.4}),
     ("reflector-incidence", "tool", {}, {"x_by_x": 0.2}),
     ("payload", "tool", {}, {"mass": 3.0}),
     ("payload-centre", "tool", {}, {"x": 120.0, "y": -80.0, "z": 150.0}),

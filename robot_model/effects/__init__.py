@@ -53,6 +53,7 @@ CATALOGUE = {
     "azimuth-harmonic": instrument.AzimuthHarmonic,
     "elevation-harmonic": instrument.ElevationHarmonic,
     "instrument-range-scale": instrument.InstrumentRange,
+    "range-offset": instrument.InstrumentRangeOffset,
     "reflector-incidence": instrument.ReflectorIncidence,
     "angular-noise": instrument.AngularNoise,
     "link-compliance": elastic.LinkCompliance,

@@ -175,6 +175,37 @@ class InstrumentRange(Effect):
         return (state.root_rotation @ state.frames.point(state.target))[None]
 
 
+class InstrumentRangeOffset(Effect):
+    """The instrument's range is wrong by a constant: its zero point, or the constant of another reflector.
+
+    The base pose takes up the mean of the shift; what remains grows with the spread of the sight lines.
+    """
+
+    effect = "range-offset"
+    port = "sensor"
+    of_session = True
+    places = ("instrument",)
+    equation = "dp = c u, u the sight line"
+    source = "zero error of a distance meter (additive constant): ISO 10360-10, annex B"
+
+    @classmethod
+    def candidates(cls, chain):
+        """At the instrument, where it stands outside the space in which the points lie."""
+        if chain.places("instrument") and "sight_azimuth" in chain.state.covariates:
+            yield Variant(cls("instrument"))
+
+    def port_indices(self, chain):
+        return (0, 1, 2)
+
+    def table(self, chain):
+        return (
+            self.parameter("offset", "mm", 0.05, "the constant error of the instrument's range"),
+        )
+
+    def basis(self, state):
+        return sight_lines(state)[0][None]
+
+
 class ReflectorIncidence(Effect):
     """The centre of a reflector on the tool shifts with the direction from which the instrument sees it.
 
