@@ -15,7 +15,10 @@ from workbench.commands import cli
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.diagnosis.robot.ball_scans import scans_of
+from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.search.select import find
 from workbench.explanation.answer import diagnose
+from workbench.explanation.scan_search import find_in_weighed_scans
 
 
 def test_points_of_one_pose_are_simultaneous():
@@ -147,3 +150,32 @@ def test_an_arm_that_repeats_worse_than_its_profiler_measures_shows_no_effect(se
     rng = np.random.default_rng(seed)
     recording = profile_recording(30, 80, seed, 0.01, lambda q: 3e-5 * rng.normal(size=q.shape))
     assert diagnose(recording).verdict == "consistent"
+
+
+def with_backlash(wild: float):
+    """A recording of an arm with 0.2 mrad of backlash of joint 3, and one pose off by `wild` rad."""
+
+    def error(joints):
+        out = np.zeros_like(joints)
+        out[1:, 2] = 2e-4 * np.sign(np.diff(joints[:, 2]))
+        out[28, 1] = wild
+        return out
+
+    return profile_recording(40, 80, 12, error=error)
+
+
+def test_an_effect_is_no_error_of_poses_that_makes_it_uncertain():
+    """With weights next to nothing alone the standard deviation is 5.9 urad."""
+    (term,) = diagnose(with_backlash(0.0)).terms
+    assert (term.finding.effect, term.finding.where) == ("backlash", "joint-3")
+    (gap,) = (row for row in term.parameters if row["name"] == "half_gap")
+    assert gap["std"] < 3.5e-6
+    assert abs(gap["value"] - 2e-4) < 4 * gap["std"]
+
+
+def test_neither_an_effect_nor_a_wild_scan_counts_as_errors_of_poses():
+    bench, found = find_in_weighed_scans(bench_of(with_backlash(1e-3)), find)
+    assert [(one.effect, one.where) for one in found.findings] == [("backlash", "joint-3")]
+    assert np.allclose(bench.chain.measurement.root, bench.roots_of_points, atol=0.05)
+    without = bench.weighed_next_to(())
+    assert np.abs(without.chain.measurement.root - bench.roots_of_points).max() > 0.2

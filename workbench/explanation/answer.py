@@ -140,6 +140,7 @@ def _against(bench: RobotBench, reference: references.Reference, recording):
         model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
     )
     wider = RobotBench(chain, bench.pose, effects, bench.recording, bench.warnings)
+    wider.roots_of_points = bench.roots_of_points
     pose = bench.pose
     index = chain.state.index
 
@@ -385,7 +386,8 @@ def _searched(bench: Bench, say: _Reporter, searches: FoldSearches) -> tuple[Ben
 
     def progress(line):
         report(line)
-        if is_found and bench.chain is not None and time.perf_counter() - start > _LONG_S:
+        is_last = bench.chain is not None and bench.roots_of_points is None
+        if is_found and is_last and time.perf_counter() - start > _LONG_S:
             _start_folds(bench, searches)
 
     bench, found = with_random_errors(

@@ -25,6 +25,7 @@ from workbench.diagnosis.scanner.random_focal_length import (
 )
 from workbench.diagnosis.validation.held_out import rms
 from workbench.explanation.result import Proof, Term
+from workbench.explanation.scan_search import find_in_weighed_scans
 from workbench.explanation.sentences.statements import LINE_STRUCTURE
 
 _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a search is not repeated
@@ -125,7 +126,7 @@ def with_random_errors(bench, find: Callable[..., Found]) -> tuple[object, Found
     to what the search found; only where the spread differs from the first is the search repeated with the new one.
     """
     if bench.chain is not None:
-        return bench, find(bench)
+        return find_in_weighed_scans(bench, find)
     focal = find_random_focal_length(bench)
     if focal is not None:
         bench = bench.with_random_focal_length(focal)

@@ -37,7 +37,11 @@ from workbench.diagnosis.robot.derived import (
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
-from workbench.diagnosis.robot.scan_weights import with_errors_of_poses
+from workbench.diagnosis.robot.scan_weights import (
+    roots_next_to,
+    roots_of,
+    with_roots,
+)
 from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
@@ -83,8 +87,10 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
         )
     checked = check_samples(recording, trust_data)
     moving = checked.recording
+    roots = None
     if moving.measures == "ball-surface":
-        moving = with_errors_of_poses(checked.robot, scans_of(checked.robot, moving))
+        moving = scans_of(checked.robot, moving)
+        roots = roots_of(moving)
     _check_enough(moving)
     chain = bind(checked.robot, moving)
     chain = replace(chain, state=with_derived(chain, moving.poses))
@@ -94,7 +100,9 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     warnings = (*moving.warnings, *checked.doubts)
     if chain.places("instrument") and not chain.has_sight_lines:
         warnings = (*warnings, _NO_SIGHT_LINES)
-    return RobotBench(chain, moving.poses, effects, moving, warnings)
+    bench = RobotBench(chain, moving.poses, effects, moving, warnings)
+    bench.roots_of_points = roots
+    return bench
 
 
 def _check_enough(moving) -> None:
@@ -218,7 +226,12 @@ class _Part:
 
 
 class RobotBench(Bench):
-    """The bench of a chain bound to n samples; `pose` (n,) labels of repeats."""
+    """The bench of a chain bound to n samples; `pose` (n,) labels of repeats.
+
+    `roots_of_points`: (n, 3, 3) of scans of balls, whose weights without errors of poses; None of all else.
+    """
+
+    roots_of_points: np.ndarray | None = None
 
     def __init__(
         self,
@@ -236,6 +249,20 @@ class RobotBench(Bench):
     def __getstate__(self) -> dict:
         """State for another process, without cached solutions."""
         return self.__dict__ | {"_parts": {}}
+
+    def weighed_next_to(self, effects: Sequence[Effect]) -> "RobotBench | None":
+        """The bench whose scans have the weights that their residuals with these effects show; None for the same."""
+        if self.roots_of_points is None:
+            return None
+        model, fit, weights = self.solve(effects)
+        roots = roots_next_to(model, fit.parameters, self.roots_of_points, weights)
+        if np.allclose(roots, self.chain.measurement.root):
+            return None
+        chain = replace(self.chain, measurement=replace(self.chain.measurement, root=roots))
+        recording = with_roots(self.recording, roots)
+        bench = RobotBench(chain, self.pose, self.baseline, recording, self.warnings)
+        bench.roots_of_points = self.roots_of_points
+        return bench
 
     def problem(
         self,
