@@ -53,7 +53,7 @@ def main(words: list[str]) -> int:
 
 
 def _done(study, place: Path, workers: int):
-    (place / tables.PARTS).mkdir()
+    (place / tables.PARTS_FOLDER).mkdir()
     done = carry_out(
         study, place, partial(executors.local, workers), workers, lambda done, total: None
     )

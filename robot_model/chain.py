@@ -184,10 +184,10 @@ class _Walk:
         self.origin = self.origin + self.axes[2] * shift
         self.keep_joint(k)
 
-    def rotate(self, about, c, s):
+    def rotate(self, axis, c, s):
         """Right-multiply by an elementary rotation: mixes the other two axes."""
-        i = (about + 1) % 3
-        j = (about + 2) % 3
+        i = (axis + 1) % 3
+        j = (axis + 2) % 3
         first = self.axes[i]
         second = self.axes[j]
         self.axes[i], self.axes[j] = c * first, c * second
@@ -258,9 +258,9 @@ def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.nda
 def rotate(vector: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(..., 3, n) points turned by rotation vectors (3, n): Rodrigues' formula, exact at 0."""
     angle = np.sqrt((vector**2).sum(0))
-    once = cross(vector, points)
+    product = cross(vector, points)
     half = np.sinc(angle / (2 * np.pi))
-    return points + np.sinc(angle / np.pi) * once + half**2 / 2 * cross(vector, once)
+    return points + np.sinc(angle / np.pi) * product + half**2 / 2 * cross(vector, product)
 
 
 def geometry_rows(
@@ -286,10 +286,10 @@ _ORIGIN = (0, 0, 1, 1, 1)
 def geometry_rotations(frames: Frames, port_indices: np.ndarray) -> np.ndarray:
     """(len(port_indices), 3, n) rotation of the flange, world frame, per unit of geometry (0 for d, a)."""
     axes = {THETA: frames.z, ALPHA: frames.x, BETA: frames.y}
-    still = np.zeros_like(frames.end_origin)
+    zero = np.zeros_like(frames.end_origin)
     return np.stack(
         [
-            axes[kind][joint] if kind in axes else still
+            axes[kind][joint] if kind in axes else zero
             for joint, kind in zip(*np.divmod(port_indices, 5))
         ]
     )
@@ -302,9 +302,9 @@ def frame_rows(
     place, kind = np.divmod(port_indices, 6)
     rows = np.empty((len(port_indices), 3, point.shape[1]))
     for p in np.unique(place):
-        mine = place == p
-        shifts = mine & (kind < 3)
-        is_rotation = mine & (kind >= 3)
+        is_of_place = place == p
+        shifts = is_of_place & (kind < 3)
+        is_rotation = is_of_place & (kind >= 3)
         rows[shifts] = frames.link[p][kind[shifts]]
         if is_rotation.any():
             lever = point - _moved_pivot(frames, p, twists)
@@ -319,8 +319,8 @@ def frame_rotations(
     place, kind = np.divmod(port_indices, 6)
     rows = np.zeros((len(port_indices), *frames.end_origin.shape))
     for p in np.unique(place[kind >= 3]):
-        mine = (place == p) & (kind >= 3)
-        rows[mine] = _place_turns(frames, p, twists)[kind[mine] - 3]
+        is_of_place = (place == p) & (kind >= 3)
+        rows[is_of_place] = _place_turns(frames, p, twists)[kind[is_of_place] - 3]
     return rows
 
 
@@ -338,6 +338,6 @@ def _place_turns(frames: Frames, place: int, twists: dict[int, np.ndarray]) -> n
     if place not in twists:
         return axes
     vector = (axes * twists[place][3:, None]).sum(0)
-    once = cross(vector, axes)
+    product = cross(vector, axes)
     # the first terms of the series are exact to 1e-9 for the small twists of an arm (< 0.05 rad)
-    return axes + once / 2 + cross(vector, once) / 6
+    return axes + product / 2 + cross(vector, product) / 6

@@ -24,7 +24,7 @@ AXES = {
 }
 _UPPER_ARM = {"ABB": _Z, "FANUC": _Z, "KUKA": _X}
 _ALIGNED = 0.99
-_ALONG = 0.7  # of forearms with an offset between elbow and axis 4
+_MIN_COSINE = 0.7  # of forearms with an offset between elbow and axis 4
 
 
 def parts_like_controller(robot: Robot, maker: str) -> tuple[bool, bool]:
@@ -40,5 +40,5 @@ def parts_like_controller(robot: Robot, maker: str) -> tuple[bool, bool]:
     upper = points[2] - points[1]
     forearm = points[4] - points[2]
     is_straight = upper @ _UPPER_ARM[maker] > _ALIGNED * np.linalg.norm(upper)
-    is_ahead = forearm @ _X > _ALONG * np.linalg.norm(forearm)
+    is_ahead = forearm @ _X > _MIN_COSINE * np.linalg.norm(forearm)
     return bool(is_same[:3].all() and is_straight and is_ahead), bool(is_same[3:].all())

@@ -15,10 +15,10 @@ _WORDS = {
 }
 
 
-def pose_parameters(where: str, what: str) -> list[Parameter]:
-    """The six parameters of the transform at `where`, called `what` in sentences."""
+def pose_parameters(where: str, subject: str) -> list[Parameter]:
+    """The six parameters of the transform at `where`, called `subject` in sentences."""
     return [
-        Parameter(f"{where}.{name}", unit, 0.0, size, f"{what} {words}")
+        Parameter(f"{where}.{name}", unit, 0.0, size, f"{subject} {words}")
         for name, (unit, size, words) in _WORDS.items()
     ]
 

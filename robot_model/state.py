@@ -21,7 +21,7 @@ from workbench.core.errors import InputError
 
 _MM_A_METRE = 1e3
 _HISTORY = re.compile(r"(?:approach|move)(\d+)")
-_STILL = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
+_STATIC_LIMITS = 0.1, 1e-4  # mm, rad that a reading may change by while the arm stands
 _TRAVEL = 1.0, 1e-3  # mm, rad in one direction from which on it is the side that a joint came from
 
 
@@ -136,8 +136,8 @@ class State:
         """(J, 3, n) moment across each joint's axis, N m, in the frame of the link after it."""
         arm = self.link_levers.arm + self.load_levers.arm
         world = cross(arm, np.broadcast_to(self.gravity[:, None], (3, self.n)))
-        across = world - self.frames.z * (world * self.frames.z).sum(1, keepdims=True)
-        return np.einsum("pcin,pin->pcn", self.frames.link[1:-1], across)
+        transverse = world - self.frames.z * (world * self.frames.z).sum(1, keepdims=True)
+        return np.einsum("pcin,pin->pcn", self.frames.link[1:-1], transverse)
 
     def _project(self, levers):
         """(J, n) torque on each drive."""
@@ -161,8 +161,8 @@ class State:
         mass = moments[-1]
         moments = moments[:-1].reshape(-1, 3, self.n)
         of_link = (np.arange(self.robot.joints + 1) < self.robot.joints)[:, None, None]
-        of_links = self._more(self.link_levers, np.where(of_link, moments, 0))
-        of_load = self._more(self.load_levers, np.where(of_link, 0, moments))
+        of_links = self._with_added_moments(self.link_levers, np.where(of_link, moments, 0))
+        of_load = self._with_added_moments(self.load_levers, np.where(of_link, 0, moments))
         if mass.any():
             of_load = of_load + load_levers(self.robot, self.frames, mass, np.zeros(3))
         fields_of_state = {field.name: getattr(self, field.name) for field in fields(State)}
@@ -173,7 +173,7 @@ class State:
         }
         return _Altered(**fields_of_state)
 
-    def _more(self, levers: Levers, moments: np.ndarray) -> Levers:
+    def _with_added_moments(self, levers: Levers, moments: np.ndarray) -> Levers:
         """The levers with (J + 1, 3, n) kg mm of first moments more."""
         if not moments.any():
             return levers
@@ -189,8 +189,8 @@ class State:
 
         Those of each link along x, y and z, then those of the load.
         """
-        each = np.repeat(change[:, None], self.n, axis=1)
-        return self.altered([("mass", np.arange(len(change)), each)])
+        changes = np.repeat(change[:, None], self.n, axis=1)
+        return self.altered([("mass", np.arange(len(change)), changes)])
 
     def wound_up(self, joint: int, width: float, of_dahl: bool = False) -> np.ndarray:
         """(n,) state of friction of a joint, from 1, between -1 and 1, see `MotionHistory`; width: rad, m of a slide.
@@ -243,8 +243,8 @@ def moved(
     `move<k>` (n,) rad, mm: how far it came from the configuration before; `move<k>_side` (n,): the direction in
     which it moved last, 0 before the first move.
     """
-    still = np.where(robot.prismatic, *_STILL)
-    moves = last_moves(variables, time, still, pose)
+    static_limit = np.where(robot.prismatic, *_STATIC_LIMITS)
+    moves = last_moves(variables, time, static_limit, pose)
     covariates = {f"move{k}": row for k, row in enumerate(moves, 1)}
     travel = np.where(robot.prismatic, *_TRAVEL)
     for k, side in enumerate(last_sides(moves, time, travel), 1):

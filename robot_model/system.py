@@ -271,22 +271,24 @@ class Evaluation:
         """Frames that also keep the links; made again only when no twist needed them before."""
         if self.frames.link is None:
             pose, geometry, _ = self.chain.split(self.values)
-            again = self.chain.frames(
+            frames = self.chain.frames(
                 self.values, self.deltas | {"frame": (np.array([0]), np.zeros((1, self.chain.n)))}
             )
-            self.frames = again[0]
+            self.frames = frames[0]
         return self.frames
 
     def _base_rows(self):
         pose = self.chain.split(self.values)[0]
-        about = left_jacobian(pose[3:]).T[:, :, None]
+        rotation_rows = left_jacobian(pose[3:]).T[:, :, None]
         shifts = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, self.chain.n))
         rotated = kinematics.cross(
-            np.broadcast_to(about, (3, 3, self.chain.n)), self.closure.point - pose[:3, None]
+            np.broadcast_to(rotation_rows, (3, 3, self.chain.n)),
+            self.closure.point - pose[:3, None],
         )
         moved = np.concatenate([shifts, rotated])
         return self._mapped(
-            moved, lambda: np.concatenate([shifts * 0, np.broadcast_to(about, shifts.shape)])
+            moved,
+            lambda: np.concatenate([shifts * 0, np.broadcast_to(rotation_rows, shifts.shape)]),
         )
 
     def _mapped(self, moved, rotations: Callable):
@@ -349,8 +351,8 @@ def redundant_geometry(robot: Robot) -> list[str]:
     that four of a joint's five numbers suffice (Hayati & Mirmirani 1985).
     """
     free = set(geometry_free(robot))
-    every = (f"joint-{k + 1}.{row[0]}{k + 1}" for k in range(robot.joints) for row in _GEOMETRY)
-    return [key for key in every if key not in free]
+    all_keys = (f"joint-{k + 1}.{row[0]}{k + 1}" for k in range(robot.joints) for row in _GEOMETRY)
+    return [key for key in all_keys if key not in free]
 
 
 def held_by_convention(robot: Robot) -> list[str]:

@@ -188,7 +188,13 @@ def test_bin_means_are_those_of_all_samples():
 
 def test_a_rectangle_holds_its_edges_in_any_order():
     x = y = np.arange(5.0)
-    assert decimate.within(x, y, (3, 1), (1, 9)).tolist() == [False, True, True, True, False]
+    assert decimate.is_within_ranges(x, y, (3, 1), (1, 9)).tolist() == [
+        False,
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("high", [(100, 100, 900), (900, 900, 100), (1000, 20, 20)])

@@ -39,9 +39,9 @@ def _paths(address: str) -> list:
 
 
 def test_an_image_of_a_scene_shows_its_box_and_every_class_of_colours():
-    from workbench.app.figures.still import still
+    from workbench.app.figures.still import static_image
 
-    paths = _paths(still(_scene([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])))
+    paths = _paths(static_image(_scene([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])))
     assert len(paths) == 12 + 2
     assert [path.get("stroke") for path in paths[12:]] == ["#7dafd8", "#902117"]
 
@@ -49,13 +49,13 @@ def test_an_image_of_a_scene_shows_its_box_and_every_class_of_colours():
 def test_an_image_of_needles_shows_a_shaft_in_the_colour_of_each_length():
     from workbench.app.figures import style
     from workbench.app.figures.arrows import Needles, add_needles
-    from workbench.app.figures.still import still
+    from workbench.app.figures.still import static_image
 
     made = style.framed(style.space("view"), [-10.0] * 3, [10.0] * 3)
     points, vectors = np.zeros((3, 2)), np.array([[5.0, 0.0, 0.0], [0.0, 5.0, 0.0]]).T
     needles = Needles(points, vectors, np.arange(2), np.arange(2), np.array([0.0, 1.0]))
     add_needles(made, needles, 30.0, cmax=1.0)
-    paths = _paths(still(made))[12:]
+    paths = _paths(static_image(made))[12:]
     assert [path.get("stroke") for path in paths] == ["#7dafd8", "#902117"]
 
 

@@ -52,7 +52,7 @@ def test_light_of_a_cone_leaves_at_one_angle_from_the_plane_and_turns_twice_as_f
     points = source[:, None] + (
         np.cos(0.01) * along + np.sin(0.01) * normal[:, None]
     ) * rng.uniform(100, 200, 50)
-    assert np.abs(cone.away(points, 0.03)).max() < 1e-9
+    assert np.abs(cone.plane_distance(points, 0.03)).max() < 1e-9
     flat = light()
     flat = replace(flat, normal=flat.face - flat.axis * (flat.axis @ flat.face))
     first, second = (flat.thrown(angle)[1] for angle in (0.0, 0.1))
@@ -62,7 +62,7 @@ def test_light_of_a_cone_leaves_at_one_angle_from_the_plane_and_turns_twice_as_f
 def test_every_flaw_of_the_mirror_is_nothing_at_size_zero_and_moves_the_light_else():
     points = np.array([[0.0, 20.0, -30.0], [10.0, -20.0, 0.0], [120.0, 130.0, 110.0]])
     still = light()
-    where = still.away(points, still.truly(0.1, 0.05))
+    where = still.plane_distance(points, still.truly(0.1, 0.05))
     for flaw in (
         {"wobble": (1e-3, 0.0, 2.0, 0.3)},
         {"wobble": (0.0, 0.05, 1.0, 0.0)},
@@ -71,7 +71,7 @@ def test_every_flaw_of_the_mirror_is_nothing_at_size_zero_and_moves_the_light_el
         {"cone": 1e-3},
     ):
         moved = replace(still, **flaw)
-        assert np.abs(moved.away(points, moved.truly(0.1, 0.05)) - where).max() > 1e-3
+        assert np.abs(moved.plane_distance(points, moved.truly(0.1, 0.05)) - where).max() > 1e-3
     assert still.truly(0.1, 0.05) == 0.1
 
 

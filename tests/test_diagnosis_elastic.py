@@ -65,7 +65,7 @@ def test_an_exchange_of_elastic_terms_keeps_accepted_functions_without_a_law(mon
     exchanged = []
 
     def another(window, count):
-        others = [members for members in window.sets if set(members) != set(range(count))]
+        others = [members for members in window.term_sets if set(members) != set(range(count))]
         if exchanged or not others:
             return None
         exchanged.append(max(others, key=window.objective.value))

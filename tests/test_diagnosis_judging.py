@@ -122,7 +122,7 @@ def test_a_term_is_judged_in_spite_of_another_that_mostly_a_block_determines():
     assert not t_of_plain_errors > critical_t(None)
     finding = Finding("transmission-harmonic", "joint-1", "", (), 0.0, 1.0, 0.0, 0.0)
     trial = judging.ConditionalGains(SimpleNamespace(chain=None, sigma=None), problem)
-    wave = trial.judged(Term(finding), [1], [0, 1])
+    wave = trial.with_gains(Term(finding), [1], [0, 1])
     assert wave.t > critical_t(None) and wave.gain > 0
 
 
@@ -331,7 +331,7 @@ def test_terms_that_raise_the_held_out_error_are_refused_one_by_one(monkeypatch)
     ]
     scheme = Scheme(TIME, np.zeros(4, int))
     whole = [stability.Nested(scheme, np.full(4, 0.479), np.full(4, 0.548), {}, 5.0)]
-    monkeypatch.setattr(proof, "judges_of_all", lambda bench, terms, parts: parts)
+    monkeypatch.setattr(proof, "schemes_judging_all", lambda bench, terms, parts: parts)
     errors = SimpleNamespace(
         bench=SimpleNamespace(unit="mm", sigma=None),
         predicted=lambda fold, kept: np.full(4, 0.489),

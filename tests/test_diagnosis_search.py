@@ -184,10 +184,10 @@ def test_the_likeliest_set_does_not_depend_on_where_the_search_starts(elastic_ar
 
 def test_probabilities_over_sets_are_a_distribution(elastic_arm):
     best = Stepwise(elastic_arm).most_probable_set()
-    window = Window.around(elastic_arm, best, range(len(elastic_arm.terms)))
+    window = Window.near_set(elastic_arm, best, range(len(elastic_arm.terms)))
     assert window.weights.sum() == pytest.approx(1.0)
-    assert len(set(window.sets)) == len(window.sets)
-    assert set(window.sets[int(np.argmax(window.weights))]) == set(best)
+    assert len(set(window.term_sets)) == len(window.term_sets)
+    assert set(window.term_sets[int(np.argmax(window.weights))]) == set(best)
 
 
 def test_a_joint_is_preferred_to_a_link_that_would_be_as_soft(elastic_arm):

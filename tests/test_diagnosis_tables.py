@@ -89,7 +89,7 @@ def test_an_objective_without_functions_weighs_laws_alike():
     terms = [h for h in ranked_hypotheses(problem) if h.evidence > 0]
     objective = LogPosterior.of(problem, terms[:40])
     rows = np.flatnonzero(~objective.is_smooth)
-    alone = objective.among(rows)
+    alone = objective.select_terms(rows)
     for members in [(0,), (1, 3), (0, 2, 4)]:
         every = tuple(int(rows[i]) for i in members)
         assert alone.value(members) == pytest.approx(objective.value(every), rel=1e-9)

@@ -226,4 +226,4 @@ def test_chosen_lengths_come_with_both_ends(tmp_path):
 def test_noise_of_a_length_is_one_sigma_in_the_report():
     words = noise_sentence(0.01, {"rms_mm": 0.02}, 1)
     assert "RMS distance of σ = 0.0100 mm" in words and "2.00 times" in words
-    assert errors_of(calibrate(lengths(60), folds=3)).parts == 1
+    assert errors_of(calibrate(lengths(60), folds=3)).coordinates == 1

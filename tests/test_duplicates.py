@@ -107,7 +107,7 @@ def test_calibrate_counts_a_copy_once(doubled):
     np.testing.assert_allclose(copied.solution.covariance, single.solution.covariance, rtol=1e-9)
     assert any("60 rows repeat" in warning for warning in copied.as_json()["warnings"])
     assert single.as_json()["warnings"] == []
-    assert copied.doubts == ()
+    assert copied.suspicions == ()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from workbench.files.exports import (
     read_mdh,
     urdf,
 )
-from workbench.files.exports.camera import as_held
+from workbench.files.exports.camera import with_supported_distortion
 from workbench.files.exports.hand_eye import read_hand_eye
 from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.solution_file import CalibratedArm
@@ -135,7 +135,7 @@ def test_kalibr_gets_the_nearest_camera_that_it_can_hold():
     """A calibrated camera always has a third radial term, which radtan lacks: said in px, by OpenCV's own projection."""
     import cv2
 
-    held, off = as_held(BROWN, "kalibr")
+    held, off = with_supported_distortion(BROWN, "kalibr")
     again = read_camera_text(camera_text(held, "kalibr"), "kalibr")
     np.testing.assert_array_equal(again.values, held.values)
     u, v = np.random.default_rng(0).uniform(0, 1, (2, 500)) * np.array([[1279], [1023]])
@@ -147,13 +147,16 @@ def test_kalibr_gets_the_nearest_camera_that_it_can_hold():
     ]
     assert 0 < np.linalg.norm(seen[0] - seen[1], axis=1).max() <= off < 1e-3
     np.testing.assert_allclose(seen[0], np.column_stack([u, v]), atol=1e-6)
-    assert as_held(RADTAN, "kalibr") == (RADTAN, 0.0) and as_held(BROWN, "ros") == (BROWN, 0.0)
+    assert with_supported_distortion(RADTAN, "kalibr") == (
+        RADTAN,
+        0.0,
+    ) and with_supported_distortion(BROWN, "ros") == (BROWN, 0.0)
 
 
 def test_a_lens_that_kalibr_cannot_follow_is_refused():
     bent = Camera(500.0, 500.0, 320.0, 240.0, (-0.3, 0.15, 0.0, 0.0, -0.2), (640, 480))
     with pytest.raises(InputError, match="misses by .* px; export to ROS or OpenCV"):
-        as_held(bent, "kalibr")
+        with_supported_distortion(bent, "kalibr")
 
 
 def hand_eye_run(folder, kind="in-hand", **more):

@@ -59,7 +59,7 @@ def test_real_arms_on_the_floor_raise_no_alarm(name, recording):
 def test_a_calibration_uses_the_direction_and_says_so():
     found = calibrate(MountedArm(WALL).recording(), folds=5)
     assert any("gravity = [-1, 0, 0]" in sentence for sentence in found.warnings)
-    assert not found.doubts
+    assert not found.suspicions
     np.testing.assert_allclose(found.recording.robot["gravity"], WALL)
     assert found.held_out["rms_mm"] < 3 * 0.03 * np.sqrt(3)
     assert abs(found.solution.parameters["joint-2.joint-compliance.compliance"] - 1.1e-6) < 1e-7

@@ -47,7 +47,7 @@ def measured_by_a_tracker(calculated) -> np.ndarray:
 def test_points_of_calibrated_kinematics_are_a_doubt(calculated, tmp_path):
     path = table(tmp_path / "t.csv", calculated)
     made = import_recording([path], tmp_path / "out", UR10)
-    (doubt,) = [text for text in made.doubts if "the controller calculated" in text]
+    (doubt,) = [text for text in made.suspicions if "the controller calculated" in text]
     assert "other lengths and angles than the nominal ones" in doubt
 
 

@@ -18,12 +18,12 @@ def test_exact_copies_are_named_and_repeats_are_not(tmp_path):
     again = rows[20] + [0, 0, 0, 0, 0, 0, 0.01, -0.02, 0.01]  # measured twice
     path = write_rows(tmp_path / "t.csv", HEADER, [*rows[:8], rows[4], *rows[8:], again, rows[0]])
     made = import_recording([path], tmp_path / "out", UR10)
-    (said,) = [text for text in made.doubts if "exact copies" in text]
+    (said,) = [text for text in made.suspicions if "exact copies" in text]
     assert said.startswith("2 rows are exact copies") and "(row 10 = 6, 40 = 2)" in said
     assert said in made.warnings
     plain = write_rows(tmp_path / "plain.csv", HEADER, [*rows, again])
     made = import_recording([plain], tmp_path / "plain", UR10)
-    assert not any("exact cop" in text for text in made.doubts)
+    assert not any("exact cop" in text for text in made.suspicions)
 
 
 def test_a_copied_row_of_several_reflectors_is_named_once(tmp_path):
@@ -36,5 +36,5 @@ def test_a_copied_row_of_several_reflectors_is_named_once(tmp_path):
     reflectors = {str(k): tuple(header[3 + 3 * k : 6 + 3 * k]) for k in (1, 2)}
     mapping = Mapping(point=Group(reflectors["1"], "mm"), reflectors=reflectors)
     made = import_recording([path], tmp_path / "out", replace(UR10, mapping=mapping))
-    (said,) = [text for text in made.doubts if "exact cop" in text]
+    (said,) = [text for text in made.suspicions if "exact cop" in text]
     assert said.startswith("1 row is an exact copy") and "(row 10 = 6)" in said

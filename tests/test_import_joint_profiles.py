@@ -80,7 +80,7 @@ def test_profiles_and_joint_readings_calibrate_an_arm(unit, scale, measured, tmp
     sources = written(tmp_path, readings, profiles, scale)
     options = ImportOptions(robot="ur5", ball_radius_mm=RADIUS)
     made = import_recording(sources, tmp_path / "out", options)
-    assert made.recording.measures == "ball-surface" and not made.doubts
+    assert made.recording.measures == "ball-surface" and not made.suspicions
     assert made.mapping.joints.unit == unit
     first = np.unique(made.recording.poses, return_index=True)[1]
     assert np.allclose(made.recording.joints[first], np.radians(joints), atol=1e-5)
@@ -97,7 +97,7 @@ def test_a_wrong_radius_of_profiles_is_a_doubt(tmp_path):
     made = import_recording(
         sources, tmp_path / "out", ImportOptions(robot="ur5", ball_radius_mm=RADIUS + 0.4)
     )
-    assert any("the profiles show a ball of radius 20 mm" in doubt for doubt in made.doubts)
+    assert any("the profiles show a ball of radius 20 mm" in doubt for doubt in made.suspicions)
 
 
 def test_profiles_of_other_rows_are_refused(measured, tmp_path):
@@ -121,4 +121,4 @@ def test_a_row_with_the_joint_readings_of_another_is_no_internal_error(measured,
     except InputError as problem:
         assert "joints.csv" in str(problem)
     else:
-        assert made.doubts
+        assert made.suspicions

@@ -62,7 +62,7 @@ def test_an_inaccurate_arm_is_accepted_with_its_misfit(inaccurate, tmp_path):
     assert np.allclose(made.recording.columns["q3_deg"], np.rad2deg(inaccurate.joints[:, 2]))
     assert np.allclose(made.recording.columns["y_mm"], inaccurate.points[:, 1], atol=1e-3)
     assert 4 < made.fits[0].rms_mm < 9
-    said = [sentence for sentence in made.doubts if "large errors only" in sentence]
+    said = [sentence for sentence in made.suspicions if "large errors only" in sentence]
     assert len(said) == 1 and f"{made.fits[0].rms_mm:.3g} mm" in said[0]
 
 
@@ -70,7 +70,7 @@ def test_a_row_far_off_is_named_where_all_rows_have_large_errors(inaccurate, tmp
     points = inaccurate.points.copy()
     points[17] += [60.0, -50.0, 40.0]
     made = inaccurate.imported(tmp_path, points=points)
-    assert any("1 of 45 rows is off" in s and "sample 18" in s for s in made.doubts)
+    assert any("1 of 45 rows is off" in s and "sample 18" in s for s in made.suspicions)
 
 
 def test_points_of_other_rows_stay_refused(inaccurate, tmp_path):

@@ -163,7 +163,7 @@ def test_rows_of_a_log_of_stops_are_not_interpolated(truth, tmp_path):
     made = import_recording(sources, tmp_path / "out", UR10)
     assert_same_rows(made.recording, truth.select(np.arange(3, truth.n)))
     assert not any(name.startswith("qdot") for name in made.recording.columns)
-    assert "taken for stops" in " ".join(made.warnings) and not made.doubts
+    assert "taken for stops" in " ".join(made.warnings) and not made.suspicions
     assert made.clocks.estimate is None and "half their interval (12 s)" in made.clocks.sentence
 
 

@@ -31,7 +31,7 @@ def test_small_gross_errors_are_named_with_their_sizes_and_the_remarks(truth, tm
     points[4, 1] += 2.0
     points[23, 0] -= 1.5
     made = import_recording([table(tmp_path / "t.csv", truth, points)], tmp_path / "out", UR10)
-    (doubt,) = made.doubts
+    (doubt,) = made.suspicions
     assert "2 of 36 rows are off" in doubt and "In the file: rows 6 and 25." in doubt
     assert "5 (1.99 mm) and 24 (1.51 mm)" in doubt
     assert any("row 6 'laser lost', row 14 'repeat'" in text for text in made.warnings)
@@ -61,4 +61,4 @@ def test_axes_that_are_named_by_letters_are_a_series(truth, tmp_path):
     source = table(tmp_path / "t.csv", truth, truth.points, LETTERS)
     made = import_recording([source], tmp_path / "out", UR10)
     assert made.mapping.joints.columns == tuple(LETTERS)
-    assert not made.doubts
+    assert not made.suspicions

@@ -114,7 +114,7 @@ def test_exchanged_poses_are_named(kind, write, recordings, tmp_path):
     lines[3], lines[6] = f"{first[0]},{second[1]}", f"{second[0]},{first[1]}"
     sources[1].write_text("\n".join(lines) + "\n")
     made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=RADIUS))
-    (doubt,) = made.doubts
+    (doubt,) = made.suspicions
     assert f"row 4 ({first[0]}) and row 7 ({second[0]}) look exchanged" in doubt
 
 
@@ -125,7 +125,7 @@ def test_exchanged_poses_are_named(kind, write, recordings, tmp_path):
 def test_another_radius_is_a_doubt(kind, write, stated, recordings, tmp_path):
     sources = written(recordings[kind], tmp_path, 1.0, write)
     made = import_recording(sources, tmp_path / "out", ImportOptions(ball_radius_mm=stated))
-    found = [doubt for doubt in made.doubts if "show a ball of radius 15" in doubt]
+    found = [doubt for doubt in made.suspicions if "show a ball of radius 15" in doubt]
     assert len(found) == (stated != RADIUS)
 
 

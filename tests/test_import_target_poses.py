@@ -170,7 +170,7 @@ def test_a_wrong_row_is_named(tmp_path):
     seen[6, :3, 3] += [0, 40.0, 0]
     first = _write(tmp_path / "robot.csv", np.c_[flange[:, :3, 3], quaternions(flange)])
     second = _write(tmp_path / "camera.csv", np.c_[seen[:, :3, 3], quaternions(seen)])
-    doubts = _made([first, second], tmp_path).doubts
+    doubts = _made([first, second], tmp_path).suspicions
     assert len(doubts) == 1
     assert "row 7 " in doubts[0]
 

@@ -59,7 +59,7 @@ def test_a_reading_slightly_beyond_its_limit_is_a_warning(limited):
         assert word in warning
     made = calibrate(recording, [geometry(robot)], folds=3)
     assert made.recording.n == 60 and warning in made.as_json()["warnings"]
-    assert made.doubts == ()
+    assert made.suspicions == ()
     assert warning in identifiability(recording)["warnings"]
 
 

@@ -23,7 +23,7 @@ def test_solution_and_covariance_are_those_of_the_normal_equations(linear, noise
     posterior = Posterior(linear, precision)
     information = linear.normal / noise + np.diag(precision)
     covariance = np.linalg.inv(information)
-    right = (linear.normal @ linear.away - linear.gradient) / noise
+    right = (linear.normal @ linear.deviation - linear.gradient) / noise
     np.testing.assert_allclose(posterior.covariance(noise), covariance, rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(posterior.variances(noise), np.diag(covariance), rtol=1e-7)
     np.testing.assert_allclose(posterior.values(noise), covariance @ right, rtol=1e-6, atol=1e-9)
@@ -48,9 +48,9 @@ def test_the_most_probable_noise_maximises_the_density_of_the_data(linear):
 
 def _log_evidence(linear, precision, noise):
     information = linear.normal / noise + np.diag(precision)
-    step = np.linalg.solve(information, -linear.gradient / noise - precision * linear.away)
+    step = np.linalg.solve(information, -linear.gradient / noise - precision * linear.deviation)
     squares = linear.squares + 2 * linear.gradient @ step + step @ linear.normal @ step
-    values = linear.away + step
+    values = linear.deviation + step
     count = linear.count - linear.eliminated
     volume = np.log(precision).sum() - np.linalg.slogdet(information)[1] - count * np.log(noise)
     return 0.5 * (volume - squares / noise - values @ (precision * values))

@@ -135,7 +135,7 @@ def test_residual_of_an_axis_is_the_angle_between_the_axes(degrees):
     made = scene("partial-pose", n=20, seed=2)
     model = model_of(made)
     measurement = model.chain.measurement
-    across = measurement.across[0]
+    across = measurement.transverse_axes[0]
     angle = np.deg2rad(degrees)
     axis = np.cos(angle) * measurement.axis + np.sin(angle) * across
     leaning = replace(

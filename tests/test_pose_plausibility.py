@@ -83,5 +83,5 @@ def test_the_last_joint_negated_is_refused(spread_deg):
 def test_the_last_joint_stuck_is_a_warning_with_its_cause(spread_deg):
     recording = pose_scene(3, spread_deg).recording
     wrong = with_column(recording, "q6_deg", np.full(recording.n, 12.5))
-    doubts = check_samples(wrong).doubts
+    doubts = check_samples(wrong).suspicions
     assert any("q6_deg" in doubt and "constant" in doubt for doubt in doubts), doubts

@@ -8,7 +8,7 @@ from datasets.importers.sources.choice import read_sources
 from datasets.importers.user_tables import read_targets
 from robot_model import load_robot
 from workbench.core.errors import InputError
-from workbench.files.targets import doubts, read_programme
+from workbench.files.targets import read_programme, target_warnings
 
 SLIDING = [False] * 6
 ROBOT = load_robot({"builtin": "abb_irb120"}, "test")
@@ -139,7 +139,7 @@ def test_poses_of_a_tool_that_the_file_does_not_state_are_refused(tmp_path, name
 def test_configuration_data_are_named(tmp_path):
     (tmp_path / "p.mod").write_text(rapid([MOVE]))
     programme = read_programme(tmp_path / "p.mod", ROBOT)
-    (sentence,) = doubts(programme, ROBOT)
+    (sentence,) = target_warnings(programme, ROBOT)
     assert "configuration data" in sentence and "0, 1, -1, 0" in sentence
 
 

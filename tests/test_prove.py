@@ -355,7 +355,7 @@ def test_a_few_cases_from_end_to_end_and_again_from_where_they_were(tmp_path):
     pytest.importorskip("mujoco")
     folder = tmp_path / "exam"
     said = []
-    made = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1, say=said.append)
+    made = prove.prove(folder, ["clean", "library"], 1, seed=53, jobs=1, progress=said.append)
     assert len(made.rows) == 2 and all(r["outcome"] != "failed" for r in made.rows), [
         r["note"] for r in made.rows
     ]

@@ -150,7 +150,7 @@ def test_the_minimal_detectable_bias_is_of_the_same_effect_and_order():
         for n, size in ((1, 0.001), (2, 0.02))
     ]
     said = {"verdict": "consistent", "effects": [], "located": [], "smallest_visible": table}
-    found = scoring.judged({"effects": [one], "sigma_mm": 0.01}, said)
+    found = scoring.score_answer({"effects": [one], "sigma_mm": 0.01}, said)
     assert found["surviving_mm"] == pytest.approx(0.01 * np.sqrt(3)) and found["visible_mm"] == 0.02
     assert found["below_visible"] is True
 

@@ -140,7 +140,7 @@ def test_the_complete_axis_of_a_partial_pose_is_taken(tmp_path):
     head = head.replace(",nx,ny,nz", ",ox,oy,oz") + ",nx"
     (folder / "samples.csv").write_text("\n".join([head, *(f"{row},0.5" for row in rows)]))
     recording = datasets.read(folder)
-    assert bind(load_robot(recording.robot), samples_of(recording)).measurement.which == 1
+    assert bind(load_robot(recording.robot), samples_of(recording)).measurement.axis_number == 1
 
 
 URDF = """<robot name="a"><link name="b"/><link name="c"/>

@@ -344,7 +344,11 @@ def test_share_of_variance_is_that_which_was_put_in_and_nothing_on_noise():
 
 def test_row_never_held_out_shows_its_fit_residual():
     errors = spread.errors_of(fake())
-    assert errors.held.sum() == 239 and not errors.held[0] and np.isfinite(errors.residual).all()
+    assert (
+        errors.is_held_out.sum() == 239
+        and not errors.is_held_out[0]
+        and np.isfinite(errors.residual).all()
+    )
 
 
 def test_more_than_five_thousand_points_are_thinned_and_the_page_says_so(tmp_path):

@@ -18,7 +18,7 @@ def test_lines_of_a_board_are_one_row_with_the_range():
     few = [bias("", 0.05, "board-bow"), bias("", None, "artefact-expansion")]
     folded = fold_variants([*lines[:2], *few, *lines[2:]])
     assert [len(group) for group in folded] == [6, 1, 1]
-    parts = list(detectable(SimpleNamespace(unit="px", visible=(*lines, *few))))
+    parts = list(detectable(SimpleNamespace(unit="px", detectable=(*lines, *few))))
     text = str(parts)
     assert "6 variants" in text and "0.020 to 0.070" in text and "row at" not in text
     assert "lists all 8 variants" in text

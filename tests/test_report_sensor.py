@@ -212,7 +212,7 @@ def test_arrows_are_the_residuals_times_the_stated_scale():
 
 def test_a_map_is_the_mean_of_its_cells_and_empty_where_nothing_is():
     pixels = np.array([[10.0, 11, 12, 600], [10, 11, 12, 400]])
-    u, v, mean = field.cells(pixels, np.array([1.0, 2, 3, 9]), (640, 480), across=4)
+    u, v, mean = field.cells(pixels, np.array([1.0, 2, 3, 9]), (640, 480), cell_count=4)
     assert mean.shape == (3, 4) and mean[0, 0] == 2 and np.isnan(np.delete(mean.ravel(), 0)).all()
     assert u[0] == pytest.approx(79.5) and v[0] == pytest.approx(79.5)
 

@@ -94,4 +94,4 @@ def test_what_is_made_of_a_long_sequence_is_made_when_it_is_asked_for():
         "scans": [{"k": k} for k in range(200)],
         "within": {"scans": [{"k": k} for k in range(200)]},
     }
-    assert sum(1 for _ in answer.parts(content)) > 200
+    assert sum(1 for _ in answer.text_chunks(content)) > 200

@@ -107,7 +107,7 @@ def test_bend_of_a_joined_scan_is_that_of_its_images():
     whole = cloud.surface_line(np.append(centre, RADIUS))
     again = cloud.some(shuffled).surface_line(np.append(centre, RADIUS))
     assert np.allclose(again.slope, whole.slope[shuffled])
-    assert np.nanmax(np.abs(whole.away)) < 0.02  # points lie in the light plane
+    assert np.nanmax(np.abs(whole.offset)) < 0.02  # points lie in the light plane
 
 
 def test_twists_are_those_of_small_changes():

@@ -33,14 +33,14 @@ def test_a_finding_on_the_noise_is_right_only_where_the_noise_is_such(
     effect, noise, outcome, is_wrong
 ):
     said = answer_of("explained", NOISE_CLAIM | {"effect": effect})
-    found = scoring.judged(truth_of(noise=noise), said)
+    found = scoring.score_answer(truth_of(noise=noise), said)
     assert found["outcome"] == outcome
     assert found["confidently_wrong"] is is_wrong
 
 
 def test_an_effect_found_next_to_a_wrong_stated_sigma_is_still_a_false_alarm():
     said = answer_of("explained", NOISE_CLAIM, claim("backlash", "joint-2"))
-    assert scoring.judged(truth_of(noise=WRONG_SIGMA), said)["outcome"] == "false alarm"
+    assert scoring.score_answer(truth_of(noise=WRONG_SIGMA), said)["outcome"] == "false alarm"
 
 
 @pytest.mark.parametrize(
@@ -49,6 +49,6 @@ def test_an_effect_found_next_to_a_wrong_stated_sigma_is_still_a_false_alarm():
 )
 def test_an_equivalent_effect_of_the_catalogue_is_correct_at_its_place(named, outcome):
     worn = {"effect": "unknown", "where": "joint-3", "accept": [["joint-curve", "joint-3"]]}
-    found = scoring.judged(truth_of(worn), answer_of("explained", named))
+    found = scoring.score_answer(truth_of(worn), answer_of("explained", named))
     assert found["outcome"] == outcome
     assert found["confidently_wrong"] is (outcome == "wrong")

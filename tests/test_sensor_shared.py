@@ -351,7 +351,7 @@ def test_what_may_be_negative_is_counted_on_by_the_part_above_nought():
 
 def test_a_profiler_states_its_plane_in_the_cameras_frame():
     """One plane has no other to be apart from: in the frame that fits best nothing would be left to tell."""
-    from workbench.jobs.sensor.scanner import _apart
+    from workbench.jobs.sensor.scanner import _plane_sigmas
 
     truth = simulated_scanner(np.random.default_rng(9), 8, 1, 60)
     made = calibrated(truth)
@@ -361,4 +361,4 @@ def test_a_profiler_states_its_plane_in_the_cameras_frame():
         and made.sigma_stated_mm is made.sigma_plane_mm
         and made.sigma_plane_mm[0] > 1e-4
     )
-    assert _apart(made) == [None]
+    assert _plane_sigmas(made) == [None]

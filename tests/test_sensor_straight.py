@@ -71,7 +71,7 @@ def test_the_pull_on_a_tilted_board_is_that_of_a_fit_to_its_light(turn, light):
         light,
     )
     modelled = bend.centre_bias(LineShape(PLANE_WIDTH, 0.0), np.array([width]), np.array([0.0]))[0]
-    assert abs(bend.away[0]) < 1e-9
+    assert abs(bend.offset[0]) < 1e-9
     assert modelled == pytest.approx(centre - zero, rel=0.05, abs=2e-4)
     assert abs(modelled) > 0.002 or turn >= 0
 
@@ -112,7 +112,7 @@ def test_blur_along_the_line_moves_the_centre_on_a_ball(row):
         return line_on_ball(PINHOLE, centre, radius, place, plane[:, None], scan, LIGHT)
 
     middle = PINHOLE.project(np.array([[top], [0.0], [110.0]]))[0, 0]
-    zero = brentq(lambda x: bend_at(x).away[0], middle - 60, middle + 60)
+    zero = brentq(lambda x: bend_at(x).offset[0], middle - 60, middle + 60)
     found, width = blurred_on_ball(centre, radius, plane, zero, row, blur)
     bend = bend_at(zero)
     pull = bend.centre_bias(LineShape(PLANE_WIDTH, blur), np.array([width]), np.array([0.0]))[0]

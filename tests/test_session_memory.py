@@ -21,7 +21,7 @@ from sensors.camera.model import Camera
 from sensors.scanner.model import Scanner
 from workbench.commands.sensor import scan as scan_command
 from workbench.commands.shared import answer
-from workbench.files.spool import Parts, Spool
+from workbench.files.spool import JoinedMapping, Spool
 from workbench.jobs.sensor import ball_centres, scan
 from workbench.report.sensor import summary_image
 from workbench.report.sensor.scan import page
@@ -157,6 +157,6 @@ def test_what_all_scans_tell_is_worked_out_once_and_shown_of_a_few(
 
 
 def test_parts_of_a_mapping_are_that_mapping():
-    made = Parts([{"a": 1, "b": 2}, {}, {"c": 3}])
+    made = JoinedMapping([{"a": 1, "b": 2}, {}, {"c": 3}])
     assert made == {"a": 1, "b": 2, "c": 3} and list(made.items()) == [("a", 1), ("b", 2), ("c", 3)]
-    assert len(made) == 3 and "d" not in made and not Parts([])
+    assert len(made) == 3 and "d" not in made and not JoinedMapping([])

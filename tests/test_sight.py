@@ -7,7 +7,7 @@ from plain_frames import frames_of
 from robot_model import load_robot
 from scenes import scene
 from workbench.core.errors import InputError
-from workbench.files.images.visibility import BELOW, OUTSIDE, TOO_FAR, Sight
+from workbench.files.images.visibility import BEHIND_HORIZON, OUTSIDE_FIELD, TOO_FAR, Sight
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
@@ -63,7 +63,7 @@ def test_what_is_chosen_lies_within_the_sight(looking):
     up = (eyes - balls) / np.linalg.norm(eyes - balls, axis=1)[:, None]
     assert np.rad2deg(np.arccos(up[:, 2])).max() < 25 + 0.3  # base and hand-eye are those fitted
     left = found.left_out
-    assert min(left[TOO_FAR], left[OUTSIDE], left[BELOW]) > 0
+    assert min(left[TOO_FAR], left[OUTSIDE_FIELD], left[BEHIND_HORIZON]) > 0
     assert found.candidates == looking.n - sum(left.values())
 
 

@@ -8,7 +8,7 @@ from datasets.importers.mapping.model import mapping_from_keys, write_mapping
 from robot_model import load_robot
 from robot_model.controller_conventions import parts_like_controller
 from workbench.core.errors import InputError
-from workbench.files.targets import doubts, read_programme
+from workbench.files.targets import read_programme, target_warnings
 from workbench.jobs.robot.compensation.stated_configuration import with_stated_configuration
 
 MAKERS = ["KUKA", "ABB", "FANUC"]
@@ -44,7 +44,9 @@ def test_the_readings_are_those_that_the_program_was_taught_with(maker, tmp_path
     programme = read_programme(written(maker, taught, tmp_path), robot)
     made, (sentence,) = with_stated_configuration(programme, arm(robot))
     np.testing.assert_allclose(np.rad2deg(made.readings), taught, atol=1e-2)
-    assert "12 of 12 positions" in sentence and not made.anywhere and not doubts(made, robot)
+    assert (
+        "12 of 12 positions" in sentence and not made.anywhere and not target_warnings(made, robot)
+    )
 
 
 def test_data_that_no_readings_fulfil_are_named(tmp_path):

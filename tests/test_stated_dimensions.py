@@ -17,7 +17,7 @@ def warnings(joint: int, off_mm: float, key: str = "a_mm") -> list[str]:
     keys = arm.keys()
     keys["joint"][joint - 1][key] += off_mm
     checked = check_samples(replace(recording, robot=keys))
-    assert not checked.doubts  # the geometry is estimated: the calibration may be used
+    assert not checked.suspicions  # the geometry is estimated: the calibration may be used
     return [said for said in checked.warnings if "tolerances of manufacture" in said]
 
 

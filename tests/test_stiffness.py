@@ -14,8 +14,8 @@ from scenes import ABB
 from workbench.core.errors import InputError
 from workbench.files.exports.mjcf import mjcf
 from workbench.jobs.robot.stiffness import (
+    ELEMENTS,
     MODELS,
-    PARTS,
     cartesian_stiffness,
     save,
     stiffness_columns,
@@ -94,7 +94,7 @@ def test_compliance_is_symmetric_and_stiffness_its_inverse():
     np.testing.assert_allclose(metres, metres.transpose(0, 2, 1), rtol=0, atol=1e-18)
     product = found.stiffness @ found.total
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(6), product.shape), atol=1e-6)
-    assert set(found.compliance) == set(PARTS) and (found.translational()[:, 0] > 0).all()
+    assert set(found.compliance) == set(ELEMENTS) and (found.translational()[:, 0] > 0).all()
 
 
 def test_a_direction_that_does_not_deflect_has_no_finite_stiffness():
@@ -148,7 +148,7 @@ def test_the_command_says_how_much_each_part_deflects(workbench, tmp_path):
     assert done.returncode == 0, done.stderr
     answer = json.loads((tmp_path / "a.json").read_text())
     parts = answer["deflection_rms_mm"]
-    assert all(parts[part] > 0 for part in PARTS) and parts["total"] > parts["link"]
+    assert all(parts[part] > 0 for part in ELEMENTS) and parts["total"] > parts["link"]
     assert (tmp_path / "run" / "map.pdf").is_file()
 
 

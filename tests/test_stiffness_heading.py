@@ -16,7 +16,7 @@ def test_the_heading_explains_a_word_where_the_table_has_it(known, is_said):
     row = {"where": "joint-2", "known_from": known, "clear": True, "unit": "rad"}
     row |= {"stiffness": 2e4, "stiffness_std": 1e3, "value": None, "std": None}
     console = Console(file=io.StringIO(), width=120)
-    tables._stiffness(console, [row])
+    tables._stiffness(console, [row], is_misfit=False)
     assert ("whose masses are not stated" in console.file.getvalue()) == is_said
 
 

@@ -30,7 +30,7 @@ def study(tmp_path_factory):
 
 def table_of(study, place: Path, executor, workers=2, work=do_part):
     """The whole table of a study done in `place`."""
-    (place / tables.PARTS).mkdir(parents=True, exist_ok=True)
+    (place / tables.PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
     carry_out(study, place, executor, workers, quiet, work)
     tables.put_together(place, len(parts_of(study)))
     return pq.read_table(place / tables.TABLE)
@@ -63,7 +63,7 @@ def test_processes_and_threads_make_the_same_rows_bit_for_bit(study, reference, 
 def test_a_stopped_study_goes_on_and_does_nothing_twice(study, reference, tmp_path):
     marks = tmp_path / "marks"
     marks.mkdir()
-    (tmp_path / tables.PARTS).mkdir()
+    (tmp_path / tables.PARTS_FOLDER).mkdir()
 
     def stop(done, total):
         if done >= 15:
@@ -73,7 +73,7 @@ def test_a_stopped_study_goes_on_and_does_nothing_twice(study, reference, tmp_pa
     with pytest.raises(KeyboardInterrupt), ThreadPoolExecutor(1) as pool:
         carry_out(study, tmp_path, partial(given, pool), 1, stop, work)
     kept = tables.parts_done(tmp_path)
-    written = {path: path.stat().st_mtime_ns for path in (tmp_path / tables.PARTS).iterdir()}
+    written = {path: path.stat().st_mtime_ns for path in (tmp_path / tables.PARTS_FOLDER).iterdir()}
     assert 5 <= len(kept) < len(parts_of(study))
     resumed = table_of(study, tmp_path, threads(1), 1, work)
     assert resumed.equals(reference)
@@ -95,14 +95,14 @@ def test_a_process_that_always_dies_ends_in_one_sentence(study, tmp_path):
         def submit(self, *_):
             raise BrokenProcessPool
 
-    (tmp_path / tables.PARTS).mkdir()
+    (tmp_path / tables.PARTS_FOLDER).mkdir()
     with pytest.raises(InputError, match="the process of these runs died 3 times"):
         carry_out(study, tmp_path, partial(given, Broken()), 1, quiet)
 
 
 def test_few_parts_are_in_flight_however_many_runs_there_are(study, tmp_path):
     long = study.model_copy(update={"vary": study.vary.model_copy(update={"runs": 600}), "part": 1})
-    (tmp_path / tables.PARTS).mkdir()
+    (tmp_path / tables.PARTS_FOLDER).mkdir()
     most = []
 
     class Counting(ThreadPoolExecutor):
@@ -236,7 +236,7 @@ def test_a_run_that_cannot_be_done_says_why_and_the_others_go_on(tmp_path):
     rows = [row_of(made, run) for run in range(1, 5)]
     bad = [row for row in rows if row["outcome"] != "done"]
     assert 0 < len(bad) < 4 and all("expected at least 4 poses" in row["outcome"] for row in bad)
-    (tmp_path / tables.PARTS).mkdir()
+    (tmp_path / tables.PARTS_FOLDER).mkdir()
     made_table = table_of(made, tmp_path, threads())
     assert made_table.column("outcome").to_pylist() == [row["outcome"] for row in rows]
     assert made_table.column("geometry_test_mm").null_count == len(bad)

@@ -95,7 +95,7 @@ def test_a_killed_worker_loses_no_run_and_the_rows_are_those_of_a_local_study(tm
     study, _ = read(scenes.written(tmp_path))
     local, marks, place = tmp_path / "local", tmp_path / "marks", tmp_path / "dask"
     for folder in (local, place):
-        (folder / tables.PARTS).mkdir(parents=True)
+        (folder / tables.PARTS_FOLDER).mkdir(parents=True)
     marks.mkdir()
     carry_out(study, local, partial(executors.local, 1), 1, lambda *_: None)
     tables.put_together(local, len(parts_of(study)))

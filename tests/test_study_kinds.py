@@ -24,7 +24,7 @@ def finished(study, place, runs=None):
         study = study.model_copy(
             update={"vary": study.vary.model_copy(update={"runs": runs, "method": "random"})}
         )
-    (place / tables.PARTS).mkdir(parents=True)
+    (place / tables.PARTS_FOLDER).mkdir(parents=True)
     with ThreadPoolExecutor(1) as pool:
         done = carry_out(study, place, partial(given, pool), 1, lambda done, total: None)
     tables.put_together(place, len(parts_of(study)))
@@ -79,7 +79,7 @@ def test_saltelli_indices_are_those_of_an_additive_outcome(tmp_path):
                 "outcome": "done",
             }
         )
-    (tmp_path / tables.PARTS).mkdir()
+    (tmp_path / tables.PARTS_FOLDER).mkdir()
     tables.write_part(tmp_path, 0, rows)
     tables.put_together(tmp_path, 1)
     from workbench.studies.summary import sensitivity
@@ -119,7 +119,7 @@ def test_more_poses_and_better_chosen_ones_leave_less_error():
     def median(**wanted):
         study_of = with_values(study, wanted)
         rows = [
-            robots.judged(robots.calibrations(study_of, world.measured), world.tests)
+            robots.errors_row(robots.calibrations(study_of, world.measured), world.tests)
             for world in (robots.world(study_of, seed) for seed in range(8))
         ]
         return np.median([row["joint-compliance_test_mm"] for row in rows])

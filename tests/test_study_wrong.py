@@ -122,7 +122,7 @@ def test_a_full_disk_keeps_the_parts_that_are_whole_and_ends_in_one_sentence(tmp
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=": the disk is full. Free space"):
         carried_out(path, tmp_path / "out", 1, None, lambda line: None)
-    kept = tmp_path / ".partial-out" / tables.PARTS
+    kept = tmp_path / ".partial-out" / tables.PARTS_FOLDER
     assert not (tmp_path / "out").exists()
     assert len(list(kept.iterdir())) == 3 and all(
         pq.read_table(part).num_rows for part in kept.iterdir()
@@ -144,7 +144,7 @@ def test_a_torn_part_is_computed_again(tmp_path, damage):
 
     with pytest.raises(Stopped):
         carried_out(path, tmp_path / "out", 1, None, stop)
-    parts = sorted((tmp_path / ".partial-out" / tables.PARTS).iterdir())
+    parts = sorted((tmp_path / ".partial-out" / tables.PARTS_FOLDER).iterdir())
     parts[1].write_bytes(damage(parts[1].read_bytes()))
     done = carried_out(path, tmp_path / "out", 1, None, lambda line: None)
     found = pq.read_table(done.path / tables.TABLE)

@@ -87,3 +87,28 @@ def test_an_effect_is_named_in_its_class_alone(name, tmp_path, capsys):
 
 def test_this_project_names_effects_in_their_classes_alone(capsys):
     assert check_names.main(ROOT) == 0, capsys.readouterr().out
+
+
+def test_prepositions_and_adverbs_are_no_names(tmp_path, capsys, monkeypatch):
+    """Functions, parameters, fields and variables count, up to the ceiling of the package; words in names do not."""
+    monkeypatch.setattr(check_names, "MOST_NAMES", {"sensors": 1})
+    (tmp_path / "sensors").mkdir()
+    place = tmp_path / "sensors" / "one.py"
+    place.write_text("def rest_of(values, against):\n    return values\n")
+    assert check_names.main(tmp_path) == 0, capsys.readouterr().out
+    place.write_text("def _along(values, against):\n    rest = values\n    return rest\n")
+    found = list(check_names.name_faults(tmp_path, "sensors"))
+    assert [fault.split("'")[1] for fault in found] == ["_along", "against", "rest"]
+    assert check_names.main(tmp_path) == 4  # the names, and that they are more than the ceiling
+
+
+def test_density_counts_nodes_and_lines_of_bodies(tmp_path, capsys, monkeypatch):
+    """Blank lines, comments and docstrings are no lines of code; a figure above its ceiling is a fault."""
+    (tmp_path / "sensors").mkdir()
+    text = '"""Doc."""\n\n\ndef f(x):\n    """Doc."""\n    # why\n    y = x\n\n    return y\n'
+    (tmp_path / "sensors" / "one.py").write_text(text)
+    monkeypatch.setattr(check_style, "DENSITY", {"": (4.0, 5)})
+    assert check_style.main(tmp_path) == 0
+    assert "all packages: 4.00 nodes a line, median function 5 nodes" in capsys.readouterr().out
+    monkeypatch.setattr(check_style, "DENSITY", {"": (3.9, 5)})
+    assert check_style.main(tmp_path) == 1

@@ -5,6 +5,9 @@ where there is a fault. Code that needs a certain effect refers to its class (`J
 needs a kind of effect asks for a member (`mass_dependent`, `reads`, `of_session`, ...).
 
 Names of one word ("backlash") are ordinary words as well, which no text search distinguishes; they are not checked.
+
+No function, class, parameter, field or variable is called by a preposition, an adverb or a word that the terms of the
+field replace (`NO_NAMES`). Folders that still have such names have a ceiling (`MOST_NAMES`), which is only lowered.
 """
 
 import ast
@@ -22,6 +25,18 @@ ALLOWED = {
     "workbench/commands/robot/diagnose.py": "a value of the option --baseline; commands import no numerics",
 }
 """Start of a path -> the reason why names may stand there."""
+NO_NAMES = frozenset(
+    "about above across again alike along also among against apart around aside at away back behind below between "
+    "beyond both brings doubt doubts each elsewhere every far few forward held here inside instead judged judges "
+    "lacking least less lit loose mine more most much near off on once one otherwise ours outside over own parts rest "
+    "said say seems sets some spent still theirs there to together towards twice under very visible what "
+    "when which whole within without".split()
+)
+"""Words that are no name by themselves, whatever underscores or capitals surround them."""
+KEPT = ("of", "at")
+"""Methods that construct (`Parameters.of`) and that select samples (`Model.at`): one meaning in the whole project."""
+MOST_NAMES = {"workbench": 200, "sensors": 720, "robot_model": 4, "datasets": 395}
+"""Number of names in each package that still are such a word."""
 
 
 def main(root: Path) -> int:
@@ -33,9 +48,14 @@ def main(root: Path) -> int:
             inside = path.relative_to(root).as_posix()
             if not inside.startswith(tuple(ALLOWED)):
                 faults += file_faults(inside, ast.parse(path.read_text(encoding="utf-8")), names)
+    for folder, most in MOST_NAMES.items():
+        found = list(name_faults(root, folder))
+        if len(found) > most:
+            faults += [*found, f"{folder}: {len(found)} such names, expected at most {most}"]
+        print(f"{folder}: {len(found)} names that are no noun or verb, at most {most}")
     for fault in faults:
         print(fault)
-    print(f"{len(names)} effect names, {len(faults)} outside their class and the catalogue")
+    print(f"{len(names)} effect names, {len(faults)} faults")
     return len(faults)
 
 
@@ -73,6 +93,28 @@ def effect_of(node: ast.ClassDef) -> str | None:
             if [ast.unparse(target) for target in line.targets] == ["effect"]:
                 return line.value.value
     return None
+
+
+def name_faults(root: Path, folder: str) -> Iterator[str]:
+    """One line for each name in a package that is a word of `NO_NAMES`."""
+    for path in sorted((root / folder).rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for line, name in sorted(set(defined_names(tree))):
+            if name.strip("_").lower() in NO_NAMES:
+                place = f"{path.relative_to(root).as_posix()}:{line}"
+                yield f"{place}: '{name}' is no noun or verb; use a term of the field"
+
+
+def defined_names(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, name) of all functions, classes, parameters, fields and variables."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            if node.name not in KEPT:
+                yield node.lineno, node.name
+        elif isinstance(node, ast.arg):
+            yield node.lineno, node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.lineno, node.id
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ LONGEST_FILE = 500
 # Tables of cases make tests long without making them hard to read.
 LONGEST_TEST_FILE = 800
 DEEPEST_CLASS = 1
+# Folders -> ceilings of the density of code: nodes of the syntax tree in a line of a function's body, and the median
+# number of nodes in a function's body. They are only lowered.
+DENSITY = {"": (12.4, 48), "workbench/diagnosis": (14.6, 47)}
 # Packages whose docstrings say what a thing is or does: none begins with "What".
 WITHOUT_WHAT = ("robot_model", "workbench/core")
 TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
@@ -42,6 +45,8 @@ def main(root: Path) -> int:
     median = median_length(root, sources)
     if median >= MEDIAN_BELOW:
         faults.append(f"{root}: median function body {median:g} lines, expected < {MEDIAN_BELOW}")
+    for folder, ceilings in DENSITY.items():
+        faults += density_faults(folder, ceilings, density(root, sources, folder))
     for fault in faults:
         print(fault)
     print(f"{len(sources)} files, median function {median:g} lines, {len(faults)} faults")
@@ -120,6 +125,55 @@ def median_length(root: Path, sources: dict[Path, ast.Module]) -> float:
         for function in functions(tree)
     ]
     return statistics.median(lengths) if lengths else 0.0
+
+
+def density(root: Path, sources: dict[Path, ast.Module], folder: str) -> tuple[float, float]:
+    """Nodes of the syntax tree in a line of code, and the median number of nodes in the body of a function.
+
+    Of all functions of the packages below `folder`. A line of code is neither blank nor a comment nor of a docstring;
+    the marks of loading and storing a name are no nodes of a function here.
+    """
+    nodes, lines, sizes = 0, 0, []
+    for path, tree in sources.items():
+        inside = path.relative_to(root).as_posix()
+        if not inside.startswith(
+            tuple(f"{package}/" for package in PACKAGES)
+        ) or not inside.startswith(folder):
+            continue
+        is_code = code_lines(path.read_text(encoding="utf-8").splitlines(), tree)
+        for function in functions(tree):
+            body = function.body[1:] if ast.get_docstring(function) else function.body
+            if body:
+                of_body = [node for statement in body for node in ast.walk(statement)]
+                nodes += len(of_body)
+                lines += sum(is_code[body[0].lineno - 1 : body[-1].end_lineno])
+                sizes.append(sum(not isinstance(node, ast.expr_context) for node in of_body))
+    return (nodes / max(lines, 1), statistics.median(sizes)) if sizes else (0.0, 0.0)
+
+
+def code_lines(lines: list[str], tree: ast.Module) -> list[bool]:
+    """For each line whether it is code: not blank, no comment, not of a docstring."""
+    is_code = [bool(line.strip()) and not line.lstrip().startswith("#") for line in lines]
+    for node in ast.walk(tree):
+        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if is_text and isinstance(node.value.value, str):
+            is_code[node.lineno - 1 : node.end_lineno] = [False] * (
+                node.end_lineno - node.lineno + 1
+            )
+    return is_code
+
+
+def density_faults(
+    folder: str, ceilings: tuple[float, float], found: tuple[float, float]
+) -> Iterator[str]:
+    """Print the density of a folder; a line for each figure above its ceiling."""
+    name = folder or "all packages"
+    print(f"{name}: {found[0]:.2f} nodes a line, median function {found[1]:g} nodes")
+    for value, ceiling, unit in zip(
+        found, ceilings, ("nodes a line", "nodes in the median function")
+    ):
+        if value > ceiling:
+            yield f"{name}: {value:.2f} {unit}, expected at most {ceiling:g}"
 
 
 def class_faults(sources: dict[Path, ast.Module]) -> Iterator[str]:

@@ -157,7 +157,10 @@ class Scene:
         """(H, W) share of the full well from the laser at a true mirror angle (rad)."""
         middle = self.points.reshape(3, -1, _PARTS**2)[:, :, _PARTS**2 // 2]
         with np.errstate(invalid="ignore"):
-            off = np.abs(light.away(middle, angle)) < _REACH * light.width + 2 * self._reach() + 0.5
+            off = (
+                np.abs(light.plane_distance(middle, angle))
+                < _REACH * light.width + 2 * self._reach() + 0.5
+            )
         rows = np.flatnonzero(off | np.isnan(middle[0]))
         part = (rows[:, None] * _PARTS**2 + np.arange(_PARTS**2)).ravel()
         points, normals, rays = self.points[:, part], self.normals[:, part], self.rays[:, part]
@@ -175,14 +178,14 @@ class Scene:
         """(n,) of the stripe's light: at the surface, or of a glow that falls off below it."""
         depth = self._reach()
         if not depth:
-            return np.exp(-0.5 * (light.away(points, angle) / light.width) ** 2)
+            return np.exp(-0.5 * (light.plane_distance(points, angle) / light.width) ** 2)
         # what has diffused falls off with the depth below the surface, however it came in; a pixel sees the glow
         # of every depth that its ray goes through, in the light plane's light there
         further = rays / np.maximum(-(rays * normals).sum(0), 0.1)
         total = np.zeros(points.shape[1])
         for way, share in zip(_DEPTHS, _SHARES):
             below = points + depth * way * further
-            total += share * np.exp(-0.5 * (light.away(below, angle) / light.width) ** 2)
+            total += share * np.exp(-0.5 * (light.plane_distance(below, angle) / light.width) ** 2)
         return total
 
 

@@ -107,7 +107,7 @@ class Light:
         normal = self.normal - 2 * (self.normal @ face) * face
         return source, normal
 
-    def away(self, points: np.ndarray, angle: float) -> np.ndarray:
+    def plane_distance(self, points: np.ndarray, angle: float) -> np.ndarray:
         """(n,) mm from points (3, n) to the light."""
         source, normal = self.thrown(angle)
         out = points - source[:, None]

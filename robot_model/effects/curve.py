@@ -173,10 +173,10 @@ def periodic_share(effect: JointCurve, coefficients: np.ndarray, cycles: list[Cy
     """
     error = effect.curve(coefficients, _grid(effect))
     angle = _grid(effect)
-    least = 2 * np.pi * _REPEATS / float(np.ptp(angle))
+    min_frequency = 2 * np.pi * _REPEATS / float(np.ptp(angle))
     columns = [np.ones(_GRID)]
     for cycle in cycles:
-        if cycle.order >= least:
+        if cycle.order >= min_frequency:
             columns += [np.cos(cycle.order * angle), np.sin(cycle.order * angle)]
     basis = np.stack(columns, 1)
     remainder = error - basis @ np.linalg.lstsq(basis, error, rcond=None)[0]
@@ -204,8 +204,8 @@ def reading_scale(
     weights = laws @ centred / max(float(centred @ centred), 1e-300)
     slope = float(weights @ coefficients)
     error = coefficients @ laws
-    beyond = error - error.mean() - slope * centred
-    if abs(slope) < LEAST_SCALE or beyond.var() > _LEFT * error.var():
+    remainder = error - error.mean() - slope * centred
+    if abs(slope) < LEAST_SCALE or remainder.var() > _LEFT * error.var():
         return None
     std = float(np.sqrt(weights @ covariance @ weights))
     if abs(slope) < _SIGNIFICANT_SLOPE * std:

@@ -248,8 +248,8 @@ class LinkCompliance(Effect):
 
     def basis(self, state):
         moment = self.load(state)
-        along = link_direction(state, self.number)
-        return (moment - along[:, None] * (along @ moment))[None]
+        direction = link_direction(state, self.number)
+        return (moment - direction[:, None] * (direction @ moment))[None]
 
 
 class BearingCompliance(Effect):
@@ -378,8 +378,8 @@ class MountTilt(Effect):
 
     def basis(self, state):
         gravity = state.robot.gravity
-        across = np.linalg.svd(gravity[None])[2][1:]
-        return np.repeat(across[:, :, None], state.n, 2)
+        horizontal = np.linalg.svd(gravity[None])[2][1:]
+        return np.repeat(horizontal[:, :, None], state.n, 2)
 
 
 class MountTorsion(Effect):
@@ -413,10 +413,10 @@ class MountTorsion(Effect):
         )
 
     def basis(self, state):
-        across = np.linalg.svd(state.robot.gravity[None])[2][1:]
+        horizontal = np.linalg.svd(state.robot.gravity[None])[2][1:]
         levers = state.link_levers.torque + state.load_levers.torque
         of_first_drive = state.robot.drive_torque(levers.swapaxes(0, 1))[:, 0]
-        return np.einsum("ai,in->an", across, of_first_drive)[:, None]
+        return np.einsum("ai,in->an", horizontal, of_first_drive)[:, None]
 
 
 def joint_unit(chain, number: int) -> str:

@@ -84,7 +84,7 @@ class ComplianceWithMasses(Effect):
     def table(self, chain):
         """The law's own parameters, then one a combination of first moments and parameter."""
         rows = self.inner.table(chain)
-        more = [
+        mixture_rows = [
             Parameter(
                 f"{p.key}_mass_{number}",
                 p.unit,
@@ -96,16 +96,16 @@ class ComplianceWithMasses(Effect):
             for number in range(1, len(self.mixtures) + 1)
             for p in rows
         ]
-        return (*rows, *more)
+        return (*rows, *mixture_rows)
 
     def basis(self, state):
         """(P (1 + R), components, n)."""
         basis = self.inner.basis(state)
-        parts = [basis]
+        blocks = [basis]
         for mixture, share in zip(self.mixtures, self.shares):
             change = self.inner.basis(state.with_moments(np.ravel(mixture))) - basis
-            parts.append(change - np.asarray(share)[:, None, None] * basis)
-        return np.concatenate(parts)
+            blocks.append(change - np.asarray(share)[:, None, None] * basis)
+        return np.concatenate(blocks)
 
 
 def moment_responses(law: Effect, state) -> np.ndarray:

@@ -64,11 +64,11 @@ class JointHysteresis(Effect):
             moves = chain.state.covariates.get(f"move{number}", np.zeros(1))
             if not moves.min() < 0 < moves.max():
                 continue
-            for law, said in _LAWS.items():
-                word = f"{said} within {{:g}} {cls(where).option_unit(chain, 'width')}"
+            for law, law_words in _LAWS.items():
+                word = f"{law_words} within {{:g}} {cls(where).option_unit(chain, 'width')}"
                 for width in _WIDTHS:
-                    about = (word.format(width), _WEIGHT / len(_LAWS), "", "width", word)
-                    yield Variant(cls(where, width, law), *about)
+                    description = (word.format(width), _WEIGHT / len(_LAWS), "", "width", word)
+                    yield Variant(cls(where, width, law), *description)
 
     def option_unit(self, chain, name):
         return "m" if chain.slides(self.number) else "rad"
@@ -182,7 +182,7 @@ class ReadingLattice(Effect):
 
 
 _LEAST_SHARE = 0.99  # of the readings that lie on the lattice
-_ON = 0.02  # of a step, that a reading on the lattice is off by
+_MAX_DEVIATION = 0.02  # of a step, that a reading on the lattice is off by
 _DECIMALS = 9
 _LEAST_DISTINCT = 8
 
@@ -199,10 +199,10 @@ def lattice_step(readings: np.ndarray) -> float | None:
     gaps = np.diff(distinct)
     step = float(gaps.min())
     for _ in range(8):
-        off = np.abs(gaps / step - np.round(gaps / step))
-        if (off < _ON).mean() >= _LEAST_SHARE:
+        deviation = np.abs(gaps / step - np.round(gaps / step))
+        if (deviation < _MAX_DEVIATION).mean() >= _LEAST_SHARE:
             return float((gaps / np.round(gaps / step)).mean())
-        step = float(np.min(off[off >= _ON])) * step
+        step = float(np.min(deviation[deviation >= _MAX_DEVIATION])) * step
         if step < 1e-7:
             return None
     return None

@@ -37,9 +37,9 @@ def sight_covariates(points: np.ndarray) -> dict[str, np.ndarray]:
     level = np.hypot(*points[:2])
     azimuth = np.arctan2(points[1], points[0])
     middle = np.arctan2(np.sin(azimuth).mean(), np.cos(azimuth).mean())
-    around = middle + np.angle(np.exp(1j * (azimuth - middle)))  # without a jump by a revolution
+    unwrapped = middle + np.angle(np.exp(1j * (azimuth - middle)))  # without a jump by a revolution
     return {
-        "sight_azimuth": around,
+        "sight_azimuth": unwrapped,
         "sight_elevation": np.arctan2(points[2], level),
         "sight_range": np.hypot(level, points[2]) * _METRE,
     }
@@ -73,8 +73,8 @@ class _AngleHarmonic:
         is_low = orders <= _LOW_ORDERS
         masses = np.where(is_low, _LOW / is_low.sum(), (1 - _LOW) / (~is_low).sum())
         factor = sight_directions(chain.state.measured)[cls._row()][None]
-        about = ("order", "wave", name, orders, masses, _TYPICAL_RAD, "order {:g}", factor)
-        yield Grid(cls, "instrument", *about)
+        description = ("order", "wave", name, orders, masses, _TYPICAL_RAD, "order {:g}", factor)
+        yield Grid(cls, "instrument", *description)
 
     @classmethod
     def _row(cls) -> int:
@@ -142,8 +142,8 @@ class SightLineRefraction(Effect):
 
     def basis(self, state):
         sight, distance = sight_lines(state)
-        across = np.eye(3)[:, :, None] - sight[:, None] * sight[None]
-        return across * distance**2 / 2
+        transverse = np.eye(3)[:, :, None] - sight[:, None] * sight[None]
+        return transverse * distance**2 / 2
 
 
 class InstrumentRange(Effect):
@@ -239,13 +239,13 @@ class ReflectorIncidence(Effect):
         return (0, 1, 2)
 
     def table(self, chain):
-        which = f"reflector {self.reflector}" if self.reflector else "the reflector"
+        subject = f"reflector {self.reflector}" if self.reflector else "the reflector"
         key = f"r{self.reflector}_" if self.reflector else ""
         powers = ("x", "y", "z", "xx", "yy", "xy", "xz", "yz")
         names = [f"{a}_by_{power}" for a in "xyz" for power in powers]
         return tuple(
             self.parameter(
-                key + name, "mm", 0.05, f"the centre of {which}, {name.replace('_', ' ')}"
+                key + name, "mm", 0.05, f"the centre of {subject}, {name.replace('_', ' ')}"
             )
             for name in names
         )

@@ -60,13 +60,13 @@ class Payload(Effect):
     @classmethod
     def grids(cls, chain):
         """Any instant between two samples, but for the first and the last two, where masses are known."""
-        between = instants_between(chain.state)
-        if not chain.robot.mass.any() or not len(between):
+        instants = instants_between(chain.state)
+        if not chain.robot.mass.any() or not len(instants):
             return
         sizes = tuple(p.typical for p in cls("tool").table(chain))
-        even = np.ones(len(between))
+        weights = np.ones(len(instants))
         label = f"after {instant_format(chain.state)}"
-        yield Grid(cls, "tool", "after", "step", "time", between, even, sizes, label)
+        yield Grid(cls, "tool", "after", "step", "time", instants, weights, sizes, label)
 
     def port_indices(self, chain):
         first = 3 * chain.robot.joints
@@ -74,7 +74,7 @@ class Payload(Effect):
 
     def table(self, chain):
         mass = max(0.05 * float(chain.robot.mass.sum()), _LOAD_KG)
-        most = max(_MOST_SHARE * float(chain.robot.mass.sum()), 3 * _LOAD_KG)
+        largest_mass = max(_MOST_SHARE * float(chain.robot.mass.sum()), 3 * _LOAD_KG)
         label = "the load"
         suffix = ""
         if self.after is not None:
@@ -87,18 +87,20 @@ class Payload(Effect):
                 "kg mm",
                 mass * _CENTRE_MM,
                 f"the first moment of {label} along {axis}",
-                most * _FAR_MM,
+                largest_mass * _FAR_MM,
             )
             for axis in "xyz"
         ]
-        mass_parameter = self.parameter(f"mass{suffix}", "kg", mass, f"the mass of {label}", most)
+        mass_parameter = self.parameter(
+            f"mass{suffix}", "kg", mass, f"the mass of {label}", largest_mass
+        )
         return (mass_parameter, *moments)
 
     def basis(self, state):
-        there = np.ones(state.n)
+        is_present = np.ones(state.n)
         if self.after is not None:
-            there = (clock(state) > self.after).astype(float)
-        return np.eye(4)[:, :, None] * there
+            is_present = (clock(state) > self.after).astype(float)
+        return np.eye(4)[:, :, None] * is_present
 
 
 class PayloadCentre(Effect):
@@ -172,18 +174,18 @@ class LoadDeflection(AfterInstant, Effect):
         """
         if chain.robot.mass.any():
             return
-        between = instants_between(chain.state)
+        instants = instants_between(chain.state)
         torques = unit_torques(chain.state)
-        least = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
-        parts, joints = np.nonzero(np.ptp(torques, axis=2) > least[:, None])
-        if len(between) and len(parts):
-            even = np.ones(len(between))
+        min_torque = np.array([_LEVER_M, *3 * [_LEVER_M / _OFF_CENTRE_M]])
+        components, joints = np.nonzero(np.ptp(torques, axis=2) > min_torque[:, None])
+        if len(instants) and len(components):
+            weights = np.ones(len(instants))
             label = f"after {instant_format(chain.state)}"
             sizes = _DEFLECTION * np.array([1.0, *3 * [_OFF_CENTRE_M]])
             port_indices = tuple(joints.tolist())
-            factor = torques[parts, joints]
-            typical = tuple(sizes[parts].tolist())
-            scanned = ("step", "time", between, even, typical, label, factor, port_indices)
+            factor = torques[components, joints]
+            typical = tuple(sizes[components].tolist())
+            scanned = ("step", "time", instants, weights, typical, label, factor, port_indices)
             yield Grid(cls, "tool", "after", *scanned, centred=True)
 
     def port_indices(self, chain):
@@ -251,23 +253,23 @@ class LinkBeam(Effect):
         return ()
 
     def table(self, chain):
-        about = f"link {self.number}'s"
+        subject = f"link {self.number}'s"
         return (
-            self.parameter("bending", "rad/(N m)", 3e-5, f"{about} bending compliance", 3e-4),
-            self.parameter("torsion", "rad/(N m)", 3e-5, f"{about} torsional compliance", 3e-4),
+            self.parameter("bending", "rad/(N m)", 3e-5, f"{subject} bending compliance", 3e-4),
+            self.parameter("torsion", "rad/(N m)", 3e-5, f"{subject} torsional compliance", 3e-4),
         )
 
     def basis(self, state):
         moment = state.moment[self.number]
         vector = link_line(state, self.number)
-        along = link_direction(state, self.number)
-        across = moment - along[:, None] * (along @ moment)
+        direction = link_direction(state, self.number)
+        transverse = moment - direction[:, None] * (direction @ moment)
         difference = self._by_weight(state, vector)
         lever = np.broadcast_to((vector / 12)[:, None], difference.shape)
         out = np.zeros((2, 6, state.n))
         out[0, :3] = cross(difference, lever)
-        out[0, 3:] = across
-        out[1, 3:] = along[:, None] * (along @ moment)
+        out[0, 3:] = transverse
+        out[1, 3:] = direction[:, None] * (direction @ moment)
         return out
 
     def _by_weight(self, state, vector: np.ndarray) -> np.ndarray:

@@ -79,17 +79,19 @@ def _degree(name: str, fine: int) -> int:
     return _DEGREE
 
 
-def _pair(a, b, most, together):
+def _pair(a, b, max_degree, max_sum):
     """(V, n) products of Legendre polynomials of a and b (n,), and their prior sizes (V,).
 
-    most: the degree of each; together: that of a product.
+    max_degree: the degree of each; max_sum: that of a product.
     """
-    first, second = np.indices((together + 1, together + 1)).reshape(2, -1)
+    first, second = np.indices((max_sum + 1, max_sum + 1)).reshape(2, -1)
     degree = first + second
-    is_kept = (degree > 0) & (degree <= together) & (first <= most[0]) & (second <= most[1])
+    is_kept = (
+        (degree > 0) & (degree <= max_sum) & (first <= max_degree[0]) & (second <= max_degree[1])
+    )
     first, second = first[is_kept], second[is_kept]
-    of_a = legvander(a, together).T
-    of_b = legvander(b, together).T
+    of_a = legvander(a, max_sum).T
+    of_b = legvander(b, max_sum).T
     return of_a[first] * of_b[second], 1 / degree[is_kept]
 
 
@@ -154,12 +156,12 @@ class SmoothFunction(Effect):
 
     def table(self, chain):
         """One coefficient a component and function; its prior falls with the degree of the function."""
-        still = [np.zeros(1)] * len(self.names)
-        _, shrink = functions(self.names, still, self.spans, self._fine)
-        about = "_".join(self.names)
+        zeros = [np.zeros(1)] * len(self.names)
+        _, shrink = functions(self.names, zeros, self.spans, self._fine)
+        names_of_key = "_".join(self.names)
         return tuple(
             Parameter(
-                f"{self.where}.unknown.{about}_{component}_{term}",
+                f"{self.where}.unknown.{names_of_key}_{component}_{term}",
                 self.unit,
                 0.0,
                 size * share,
@@ -196,7 +198,7 @@ class SmoothFunction(Effect):
         grids = [np.linspace(low, high, _COARSE) for low, high in self.spans]
         grids[axis] = np.linspace(*self.spans[axis], grid_points(SHARP_DEGREE))
         values = np.meshgrid(*grids, indexing="ij")
-        waves = self._waves([each.ravel() for each in values])
+        waves = self._waves([coordinates.ravel() for coordinates in values])
         shaped = np.tensordot(p, waves, 1).reshape(len(self.sizes), *values[0].shape)
         return np.moveaxis(shaped, 1 + axis, -1)
 
@@ -204,8 +206,8 @@ class SmoothFunction(Effect):
         """(components x functions, components, n) of covariates (n,) each."""
         waves, _ = functions(self.names, values, self.spans, self._fine)
         count = len(self.sizes)
-        each = np.einsum("st,vn->svtn", np.eye(count), waves)
-        return each.reshape(count * len(waves), count, waves.shape[1])
+        components = np.einsum("st,vn->svtn", np.eye(count), waves)
+        return components.reshape(count * len(waves), count, waves.shape[1])
 
 
 class PeriodicMotion(Effect):
@@ -270,8 +272,8 @@ class PeriodicMotion(Effect):
         """(2 x components, components, n) at times (n,)."""
         count = len(self.sizes)
         waves = np.stack([np.cos(self.rate * time), np.sin(self.rate * time)])
-        each = np.einsum("st,vn->svtn", np.eye(count), waves)
-        return each.reshape(2 * count, count, len(time))
+        components = np.einsum("st,vn->svtn", np.eye(count), waves)
+        return components.reshape(2 * count, count, len(time))
 
 
 __all__ = ["SHARP_DEGREE", "PeriodicMotion", "SmoothFunction", "functions"]

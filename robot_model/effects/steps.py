@@ -61,14 +61,14 @@ class Shift(AfterInstant, Effect):
     @classmethod
     def grids(cls, chain):
         """Any instant between two samples, but for the first and the last two; the last link is the tool."""
-        between = instants_between(chain.state)
+        instants = instants_between(chain.state)
         last = f"link-{chain.robot.joints}"
         for where in (w for place in cls.places for w in chain.places(place) if w != last):
-            even = np.ones(len(between))
+            weights = np.ones(len(instants))
             sizes = tuple(size for _, _, size in _TWIST)
-            if len(between):
+            if len(instants):
                 label = f"after {instant_format(chain.state)}"
-                yield Grid(cls, where, "after", "step", "time", between, even, sizes, label)
+                yield Grid(cls, where, "after", "step", "time", instants, weights, sizes, label)
 
     def table(self, chain):
         label = f"the shift of {self.where} ({self.instant(chain.state)})"
@@ -104,10 +104,18 @@ class TargetShift(AfterInstant, Effect):
         label = f"after {instant_format(chain.state)}"
         for where in targets if len(targets) > 1 else ():
             is_own = cls(where, 0.0).is_observed(chain.state)
-            between = instants_between(chain.state, is_own)
-            if len(between):
-                about = ("after", "step", "time", between, np.ones(len(between)), sizes, label)
-                yield Grid(cls, where, *about, np.tile(is_own.astype(float), (3, 1)))
+            instants = instants_between(chain.state, is_own)
+            if len(instants):
+                description = (
+                    "after",
+                    "step",
+                    "time",
+                    instants,
+                    np.ones(len(instants)),
+                    sizes,
+                    label,
+                )
+                yield Grid(cls, where, *description, np.tile(is_own.astype(float), (3, 1)))
 
     def is_observed(self, state) -> np.ndarray:
         """(n,) bool: samples of this target."""
@@ -184,8 +192,8 @@ def warm_up_variants(kind, chain) -> list[Variant]:
             warm_up = kind(where, constant, start)
             word = f"with time constant {{:g}} {warm_up.option_unit(chain, 'time_constant')}"
             if np.any(warm_up.basis(chain.state)):
-                about = (word.format(constant), mass, "temperature", "time_constant", word)
-                found.append(Variant(warm_up, *about))
+                description = (word.format(constant), mass, "temperature", "time_constant", word)
+                found.append(Variant(warm_up, *description))
     return found
 
 

@@ -239,8 +239,8 @@ class Backlash(Effect):
         word = f"seated by gravity, softly within {{:g}} {seated.option_unit(chain, 'width')}"
         for share in _CLOSING:
             width = float(f"{share * greatest:.3g}")
-            about = (word.format(width), _CLOSING_WEIGHT, "", "width", word)
-            yield Variant(cls(where, "gravity", width), *about)
+            description = (word.format(width), _CLOSING_WEIGHT, "", "width", word)
+            yield Variant(cls(where, "gravity", width), *description)
 
     def option_unit(self, chain, name):
         return "N" if chain.slides(self.number) else "N m"
@@ -292,14 +292,14 @@ class ZeroShift(AfterInstant, Effect):
     @classmethod
     def grids(cls, chain):
         """Any instant between two samples, but for the first and the last two."""
-        between = instants_between(chain.state)
-        if not len(between):
+        instants = instants_between(chain.state)
+        if not len(instants):
             return
         for where in chain.places("joint"):
             size = _TYPICAL["mm" if chain.slides(cls(where, 0.0).number) else "rad"]
-            even = np.ones(len(between))
+            weights = np.ones(len(instants))
             label = f"after {instant_format(chain.state)}"
-            yield Grid(cls, where, "after", "step", "time", between, even, size, label)
+            yield Grid(cls, where, "after", "step", "time", instants, weights, size, label)
 
     @classmethod
     def planted(cls, readings, joint, rng):
@@ -431,11 +431,13 @@ def high_orders(ratio: float) -> tuple[np.ndarray, np.ndarray]:
     return orders[order], weights[order] / weights.sum()
 
 
-def turning_joints(chain, least: float) -> list[str]:
-    """`joint-K` of the revolute joints whose angle varies by more than `least` rad."""
+def turning_joints(chain, min_range: float) -> list[str]:
+    """`joint-K` of the revolute joints whose angle varies by more than `min_range` rad."""
     ranges = np.ptp(chain.state.drive_angles, axis=1)
     return [
-        f"joint-{k}" for k, moved in enumerate(ranges, 1) if moved > least and not chain.slides(k)
+        f"joint-{k}"
+        for k, moved in enumerate(ranges, 1)
+        if moved > min_range and not chain.slides(k)
     ]
 
 

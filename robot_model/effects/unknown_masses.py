@@ -81,10 +81,10 @@ def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 @lru_cache(maxsize=256)
-def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[int, int], ...]:
+def base_columns(robot: Robot, first: int, with_all: bool = False) -> tuple[tuple[int, int], ...]:
     """(body, axis) of a minimal set of first moments in a torque, all from 0: bodies `first` ... J - 1.
 
-    Of the torque on the drive of joint `first`, or of the `whole` moment vector there. Numerically, by QR of the
+    Of the torque on the drive of joint `first`, or of the `with_all` moment vector there. Numerically, by QR of the
     regressor at random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies closer to the joint come
     first, so that the others are grouped with them.
     """
@@ -92,10 +92,10 @@ def base_columns(robot: Robot, first: int, whole: bool = False) -> tuple[tuple[i
     variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
     frames = forward(robot, variables, links=True)
     start = (
-        first if whole or robot.coupling is None else np.flatnonzero(robot.coupling[:, first])[0]
+        first if with_all or robot.coupling is None else np.flatnonzero(robot.coupling[:, first])[0]
     )
     names = [(body, axis) for body in range(start, robot.joints) for axis in range(3)]
-    if whole:
+    if with_all:
         columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
     else:
         columns = [_unit_torque(robot, frames, robot.gravity, first, *name) for name in names]
@@ -205,10 +205,10 @@ class GravityCompliance(Effect):
         total_length = max(shares[self.number - 1 :].sum(), _NO_BAR_MM)
         for body, axis in base_columns(chain.robot, self.number - 1):
             share = max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
-            about = f"first moment of link {body + 1} along {'xyz'[axis]}"
+            moment_label = f"first moment of link {body + 1} along {'xyz'[axis]}"
             name = f"link{body + 1}_{'xyz'[axis]}"
             size = TYPICAL_RAD * share
-            table.append(self.parameter(name, "rad", size, f"{label}, {about}", 10 * size))
+            table.append(self.parameter(name, "rad", size, f"{label}, {moment_label}", 10 * size))
         return tuple(table)
 
     def basis(self, state):
@@ -248,25 +248,25 @@ def _tilt_table(effect: Effect, chain, subject: str) -> tuple[Parameter, ...]:
     shares = effect.shares(chain.robot)
     total_length = max(shares.sum(), _NO_BAR_MM)
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
-    for body, axis in base_columns(chain.robot, effect.first(), whole=True):
+    for body, axis in base_columns(chain.robot, effect.first(), with_all=True):
         size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
-        about = f"{label}, first moment of link {body + 1} along {'xyz'[axis]}"
+        label_of_moment = f"{label}, first moment of link {body + 1} along {'xyz'[axis]}"
         name = f"tilt_link{body + 1}_{'xyz'[axis]}"
-        table.append(effect.parameter(name, "rad", size, about, 10 * size))
+        table.append(effect.parameter(name, "rad", size, label_of_moment, 10 * size))
     return tuple(table)
 
 
 def _moments_of_tilt(law: Effect, other: GravityCompliance, chain) -> np.ndarray:
     """(P, P') as of `GravityCompliance.moments_of`, for a law with the parameters of `_tilt_table`."""
-    names = base_columns(chain.robot, law.first(), whole=True)
+    names = base_columns(chain.robot, law.first(), with_all=True)
     return _same_moments(names, law.shares(chain.robot).sum(), other, chain)
 
 
 def _tilt_moments(state, law: Effect) -> np.ndarray:
     """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each first moment of the base set."""
-    each, shares = _moments_of_bars(state, law.shares(state.robot))
-    total_moment = np.einsum("b,bin->in", shares, each)
-    names = base_columns(state.robot, law.first(), whole=True)
+    unit_moments, shares = _moments_of_bars(state, law.shares(state.robot))
+    total_moment = np.einsum("b,bin->in", shares, unit_moments)
+    names = base_columns(state.robot, law.first(), with_all=True)
     return np.stack(
         [total_moment, *(_unit_moment(state.frames, state.gravity, *name) for name in names)]
     )
@@ -343,8 +343,8 @@ class GravityBearing(_Tilt, Effect):
     def basis(self, state):
         world = _tilt_moments(state, self)
         z = state.frames.z[self.number - 1]
-        across = world - z * (world * z).sum(1, keepdims=True)
-        turns = _in_frame(state, self.number, across)
+        transverse = world - z * (world * z).sum(1, keepdims=True)
+        turns = _in_frame(state, self.number, transverse)
         return about_axis(state, self.number, turns)
 
 
@@ -370,10 +370,10 @@ class GravityLink(_Tilt, Effect):
 
     def basis(self, state):
         world = _tilt_moments(state, self)
-        along = _bars(state.frames)[self.number - 1]
-        along = along / np.maximum(np.linalg.norm(along, axis=0), _NO_BAR_MM)
-        across = world - along * (world * along).sum(1, keepdims=True)
-        return _in_frame(state, self.number, across)
+        direction = _bars(state.frames)[self.number - 1]
+        direction = direction / np.maximum(np.linalg.norm(direction, axis=0), _NO_BAR_MM)
+        transverse = world - direction * (world * direction).sum(1, keepdims=True)
+        return _in_frame(state, self.number, transverse)
 
 
 class GravityPedestal(_Tilt, Effect):

@@ -93,19 +93,19 @@ class MjcfTree(Tree):
         if self.named is None:
             self.named = self._driven(root)
 
-    def _children(self, element, link: str, here: np.ndarray, kind: str) -> None:
-        """Bodies, frames and sites below an element; here (4, 4) mm: its frame in that of the link."""
+    def _children(self, element, link: str, frame: np.ndarray, kind: str) -> None:
+        """Bodies, frames and sites below an element; frame (4, 4) mm: its frame in that of the link."""
         for child in element:
             class_name = child.get("childclass", kind)
             if child.tag == "frame":
-                self._children(child, link, here @ self._place(child, child.attrib), class_name)
+                self._children(child, link, frame @ self._place(child, child.attrib), class_name)
             elif child.tag == "body":
-                self._body(child, link, here @ self._place(child, child.attrib), class_name)
+                self._body(child, link, frame @ self._place(child, child.attrib), class_name)
             elif child.tag == "site" and child.get("name"):
                 name = child.get("name")  # a site may be called as a body is
                 name = f"{name}/site" if name in self.links else name
                 self._sites.append(name)
-                self._link(name, link, here @ self._place(child, self._defaults.of(child, kind)))
+                self._link(name, link, frame @ self._place(child, self._defaults.of(child, kind)))
 
     def _body(self, body, link: str, place: np.ndarray, kind: str) -> None:
         """A link for each joint of a body, each on the axis of its joint, and one where it has none."""
@@ -165,9 +165,9 @@ class MjcfTree(Tree):
         )
         self.joints[joint.name] = joint
 
-    def _unnamed(self, what: str) -> str:
+    def _unnamed(self, noun: str) -> str:
         self._count += 1
-        return f"({what} {self._count} {NAMELESS}"
+        return f"({noun} {self._count} {NAMELESS}"
 
     def _where(self, body) -> str:
         return f"{self.file}: body {body.get('name', '')}"
@@ -207,11 +207,11 @@ class MjcfTree(Tree):
             return float(numbers(stated.get("mass", "0"), 1, where)[0]), centre
         if self._from_geoms == "false":
             return 0.0, np.zeros(3)
-        parts = [self._shape(geom, body, kind) for geom in body.findall("geom")]
-        total = sum(mass for mass, _ in parts)
+        shapes = [self._shape(geom, body, kind) for geom in body.findall("geom")]
+        total = sum(mass for mass, _ in shapes)
         if not total > 0:
             return 0.0, np.zeros(3)
-        return total, sum(mass * centre for mass, centre in parts) / total
+        return total, sum(mass * centre for mass, centre in shapes) / total
 
     def _shape(self, geom, body, kind: str) -> tuple[float, np.ndarray]:
         """kg of a shape of a body and its centre (3,) mm in the body's frame."""

@@ -26,8 +26,8 @@ class Defaults:
         for element in root.findall("default"):
             self._read(element, self._held[_MAIN], element.get("class", _MAIN))
 
-    def _read(self, element: ET.Element, above: Mapping[str, dict], name: str) -> None:
-        settings = {tag: dict(keys) for tag, keys in above.items()}
+    def _read(self, element: ET.Element, inherited: Mapping[str, dict], name: str) -> None:
+        settings = {tag: dict(keys) for tag, keys in inherited.items()}
         for child in element:
             if child.tag != "default":
                 settings[child.tag] = settings.get(child.tag, {}) | dict(child.attrib)

@@ -96,15 +96,15 @@ def _denavit(
     rows = []
     hayati = []
     for point, axis in lines[1:]:
-        here = frames[-1]
-        inward = here[:3, :3].T
+        frame = frames[-1]
+        inward = frame[:3, :3].T
         is_last = len(rows) == len(moving) - 1
-        hint = end[:3, 0] if is_last else here[:3, 0]
-        offset = inward @ (point - here[:3, 3])
+        hint = end[:3, 0] if is_last else frame[:3, 0]
+        offset = inward @ (point - frame[:3, 3])
         row, is_parallel = link_row(offset, inward @ axis, inward @ hint, is_last)
         rows.append(row)
         hayati.append(is_parallel and not is_last)
-        frames.append(here @ _transform(row))
+        frames.append(frame @ _transform(row))
     return frames, np.array(rows), np.array(hayati)
 
 
@@ -128,16 +128,16 @@ def link_row(
     the new x axis should point if it has the choice; last: d is free on parallel axes too, because
     no joint follows that could take it. Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta).
     """
-    across = np.hypot(axis[0], axis[1])
-    if across < PARALLEL:
+    sine = np.hypot(axis[0], axis[1])
+    if sine < PARALLEL:
         return _hayati_row(point, axis, hint, point[2] if last else 0.0), True
-    normal = np.array([-axis[1], axis[0]]) / across
+    normal = np.array([-axis[1], axis[0]]) / sine
     a = point[:2] @ normal
-    d = point[2] - axis[2] * (point[:2] @ axis[:2]) / across**2
+    d = point[2] - axis[2] * (point[:2] @ axis[:2]) / sine**2
     # axes that meet, but for rounding, leave the sign of the normal free
     side = np.sign(a) if abs(a) > 1e-3 else 1.0 if normal @ hint[:2] > -1e-6 else -1.0
     theta = np.arctan2(side * normal[1], side * normal[0])
-    return np.array([theta, d, side * a, np.arctan2(side * across, axis[2]), 0.0]), False
+    return np.array([theta, d, side * a, np.arctan2(side * sine, axis[2]), 0.0]), False
 
 
 def _hayati_row(point: np.ndarray, axis: np.ndarray, hint: np.ndarray, d: float) -> np.ndarray:
@@ -211,8 +211,8 @@ def _own_joints(readings: list[str], moving: list[Joint], mixing: np.ndarray) ->
     """
     names = [joint.name for joint in moving]
     first = np.argmax(mixing != 0, axis=0)
-    own = [names.index(name) if name in names else k for name, k in zip(readings, first)]
-    return np.array(own)
+    joint_numbers = [names.index(name) if name in names else k for name, k in zip(readings, first)]
+    return np.array(joint_numbers)
 
 
 def _masses(

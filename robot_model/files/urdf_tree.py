@@ -68,7 +68,7 @@ class Tree:
         self._read(spec, where)
         self.into = {joint.child: joint for joint in self.joints.values()}
         for name, words in (spec.get("mimic") or {}).items():
-            self.mimic[name] = self._said(f"{where}: key mimic.{name}", name, words)
+            self.mimic[name] = self._stated_mimic(f"{where}: key mimic.{name}", name, words)
         self._check_names(where)
         self._check_tree()
         (self.root,) = set(self.links) - set(self.into)
@@ -84,7 +84,7 @@ class Tree:
         self.joints = {e.get("name"): _joint(e, self.file) for e in element.findall("joint")}
         self.mimic |= {name: joint.mimic for name, joint in self.joints.items() if joint.mimic}
 
-    def _said(self, key: str, name: str, words: object) -> tuple[str, float, float]:
+    def _stated_mimic(self, key: str, name: str, words: object) -> tuple[str, float, float]:
         """A mimic of the spec; what it leaves out is as the URDF has it."""
         if (
             not isinstance(words, Mapping)
@@ -339,17 +339,17 @@ def _attribute(element: ET.Element, part: str, key: str) -> str | None:
     return None if found is None else found.get(key)
 
 
-def _numbers(element: ET.Element, part: str, key: str, otherwise: tuple, where: str) -> np.ndarray:
+def _numbers(element: ET.Element, part: str, key: str, default: tuple, where: str) -> np.ndarray:
     text = _attribute(element, part, key)
     if text is None:
-        return np.array(otherwise)
+        return np.array(default)
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.empty(0)
-    if len(values) != len(otherwise) or not np.isfinite(values).all():
+    if len(values) != len(default) or not np.isfinite(values).all():
         raise wrong(
-            f"{where}, {part} {key}", f"{len(otherwise)} finite number(s)", repr(text), "correct it"
+            f"{where}, {part} {key}", f"{len(default)} finite number(s)", repr(text), "correct it"
         )
     return values
 

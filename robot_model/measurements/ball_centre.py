@@ -73,10 +73,10 @@ class BallCentre:
         seen = np.stack([(axis * from_sensor).sum(0) for axis in axes])
         predicted = add_delta(seen, deltas["sensor"]) if "sensor" in deltas else seen
         # turning the hand-eye by dw (flange frame) moves the seen point by seen x (R^T dw)
-        about = rotation.T @ left_jacobian(values[3:])
+        rotation_rows = rotation.T @ left_jacobian(values[3:])
         tool_rows = np.empty((6, 3, len(self.index)))
         tool_rows[:3] = -rotation[:, :, None]
-        tool_rows[3:] = cross(seen, about.T[:, :, None])
+        tool_rows[3:] = cross(seen, rotation_rows.T[:, :, None])
         ports = {
             "sensor": np.broadcast_to(np.eye(3)[:, :, None], (3, 3, seen.shape[1])),
             "target": _columns(axes),
@@ -84,7 +84,7 @@ class BallCentre:
         return Closure(
             predicted - self.measured,
             ball,
-            lambda rows: -_into(axes, rows),
+            lambda rows: -_in_axes(axes, rows),
             tool_rows,
             ports,
             to_world=lambda seen: sum(axis * row for axis, row in zip(axes, seen)),
@@ -127,7 +127,7 @@ class BallCentre:
         return dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual))
 
 
-def _into(axes, rows):
+def _in_axes(axes, rows):
     """(k, 3, n) world vectors in the frame with these axes."""
     return np.stack([(axis * rows).sum(1) for axis in axes], 1)
 

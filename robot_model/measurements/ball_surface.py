@@ -86,8 +86,8 @@ class BallSurface:
         arm = rotation @ seen
         point = frames.point(arm + values[:3, None])
         out = point - centre
-        far = np.sqrt((out**2).sum(0))
-        out = out / far
+        distance = np.sqrt((out**2).sum(0))
+        out = out / distance
         by_flange = np.stack([(out * axis).sum(0) for axis in frames.end])
         by_rotation = cross(
             left_jacobian(values[3:]).T[:, :, None], np.broadcast_to(arm, (3, *arm.shape))
@@ -95,7 +95,7 @@ class BallSurface:
         tool_rows = np.concatenate([by_flange[:, None], (by_rotation * by_flange).sum(1)[:, None]])
         ports = {"sensor": -(rotation.T @ by_flange)[:, None], "target": -out[:, None]}
         return Closure(
-            (far - self.balls[self.index, 3])[None],
+            (distance - self.balls[self.index, 3])[None],
             point,
             lambda rows: (rows * out).sum(1)[:, None],
             tool_rows,
@@ -127,7 +127,7 @@ class BallSurface:
             tuple(np.asarray(self.ids)[seen].tolist()),
             self.balls[seen, :3],
         )
-        return centre, _at(frames, first[usable])
+        return centre, _frames_of_rows(frames, first[usable])
 
     def scan_centres(
         self, frames: Frames, is_quick: bool = False
@@ -141,7 +141,9 @@ class BallSurface:
         )
         scan, ball = scan.ravel(), pairs[1]
         if (self.measured[1] == 0).all():
-            centres = self._centres_of_profiles(scan, ball, _at(frames, first), is_quick)
+            centres = self._centres_of_profiles(
+                scan, ball, _frames_of_rows(frames, first), is_quick
+            )
         else:
             radii = self.balls[ball, 3]
             order = np.argsort(scan, kind="stable")
@@ -196,8 +198,8 @@ def _centre(points, radius):
     centre = np.linalg.lstsq(system, (points**2).sum(0), rcond=None)[0][:3]
     for _ in range(_STEPS):
         out = points - centre[:, None]
-        far = np.linalg.norm(out, axis=0)
-        centre = centre + np.linalg.lstsq((out / far).T, far - radius, rcond=None)[0]
+        distance = np.linalg.norm(out, axis=0)
+        centre = centre + np.linalg.lstsq((out / distance).T, distance - radius, rcond=None)[0]
     return centre
 
 
@@ -219,12 +221,12 @@ def _is_round(points) -> bool:
     """Whether points (2, k) determine a circle."""
     if points.shape[1] < _FEWEST:
         return False
-    around = points - points.mean(1, keepdims=True)
-    thickness = np.linalg.eigvalsh(around @ around.T / points.shape[1])[0]
+    centred = points - points.mean(1, keepdims=True)
+    thickness = np.linalg.eigvalsh(centred @ centred.T / points.shape[1])[0]
     return bool(thickness > _LEAST_THICKNESS**2)
 
 
-def _at(frames: Frames, rows) -> Frames:
+def _frames_of_rows(frames: Frames, rows) -> Frames:
     """The flange's frames of some rows."""
     return replace(
         frames,

@@ -52,8 +52,10 @@ def paired(recording):
     }
     for name in _LINKS:  # a repeat of a length is a repeat of both its ends
         if name in recording.columns:
-            both = np.stack([columns[name], columns[OTHER + name]])
-            columns[name] = np.unique(both, axis=1, return_inverse=True)[1].ravel().astype(float)
+            both_columns = np.stack([columns[name], columns[OTHER + name]])
+            columns[name] = (
+                np.unique(both_columns, axis=1, return_inverse=True)[1].ravel().astype(float)
+            )
     return replace(first, columns=columns)
 
 
@@ -108,8 +110,8 @@ class Distance:
         return position_sigma(recording)[:1]
 
     def at(self, samples: np.ndarray) -> "Distance":
-        both = self.index.reshape(2, -1)[:, samples]
-        return replace(self, lengths=self.lengths[samples], index=both.ravel())
+        index_pairs = self.index.reshape(2, -1)[:, samples]
+        return replace(self, lengths=self.lengths[samples], index=index_pairs.ravel())
 
     def close(self, frames: Frames, values: np.ndarray, deltas: dict) -> Closure:
         """(1, 2 N): half of predicted minus measured length at either end, mm, which add up to the whole."""
@@ -117,21 +119,21 @@ class Distance:
         point = moved_target(frames.point(self.targets(values)), axes, deltas)
         if "sensor" in deltas:
             point = add_delta(point, deltas["sensor"])
-        between = np.diff(point.reshape(3, 2, -1), axis=1)[:, 0]
-        far = np.sqrt((between**2).sum(0))
-        along = between / np.maximum(far, 1e-12)
-        out = np.concatenate([-along, along], axis=1)  # away from the other end
+        difference = np.diff(point.reshape(3, 2, -1), axis=1)[:, 0]
+        length = np.sqrt((difference**2).sum(0))
+        direction = difference / np.maximum(length, 1e-12)
+        out = np.concatenate([-direction, direction], axis=1)  # away from the other end
         is_of_point = np.arange(len(self.ids))[:, None] == self.index
         by_flange = (axes * out).sum(1)
         tool_rows = (is_of_point[:, None] * by_flange).reshape(-1, 1, len(self.index))
         ports = {"target": by_flange[:, None], "sensor": out[:, None]}
         return Closure(
-            np.tile(far - self.lengths, 2)[None] / 2,
+            np.tile(length - self.lengths, 2)[None] / 2,
             point,
             lambda rows: (rows * out).sum(1)[:, None],
             tool_rows,
             ports,
-            to_world=lambda gap: along * gap,
+            to_world=lambda gap: direction * gap,
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:

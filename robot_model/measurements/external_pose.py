@@ -53,10 +53,10 @@ class MeasuredPose:
 
     def port_rows(self, axes: np.ndarray) -> dict[str, np.ndarray]:
         """Rows (3, 3 + angles, n) of the ports `target`, along the axes (3, 3, n) of the flange, and `sensor`."""
-        below = np.zeros((3, self.angles, axes.shape[2]))
+        rotation_rows = np.zeros((3, self.angles, axes.shape[2]))
         sensor = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
         return {
-            port: np.concatenate([rows, below], 1)
+            port: np.concatenate([rows, rotation_rows], 1)
             for port, rows in (("target", axes), ("sensor", sensor))
         }
 
@@ -89,7 +89,7 @@ class ExternalPose(MeasuredPose):
         axes = np.stack(frames.end)
         point = moved_target(frames.point(values[:3]), axes, deltas)
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
-        off = (
+        deviation = (
             Rotation.from_matrix(flange_matrices(frames) @ tool @ self.rotations.transpose(0, 2, 1))
             .as_rotvec()
             .T
@@ -97,16 +97,16 @@ class ExternalPose(MeasuredPose):
         tool_rows = np.zeros((6, 6, point.shape[1]))
         tool_rows[:3, :3] = axes
         tool_rows[3:, 3:] = _of_vector(
-            off, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:]))
+            deviation, np.einsum("fcn,fk->kcn", axes, left_jacobian(values[3:]))
         )
-        residual = np.concatenate([predicted - self.measured, off])
+        residual = np.concatenate([predicted - self.measured, deviation])
         return Closure(
             residual,
             point,
-            _above,
+            _position_rows,
             tool_rows,
             self.port_rows(axes),
-            lambda rotations: _below(_of_vector(off, rotations)),
+            lambda rotations: _rotation_rows(_of_vector(deviation, rotations)),
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -150,15 +150,17 @@ def _of_vector(vector, rotations):
     """
     angle = np.maximum(np.sqrt((vector**2).sum(0)), 1e-3)  # below, the factor is 1/12 to 1e-9
     vector = np.broadcast_to(vector, rotations.shape)
-    once = cross(vector, rotations)
+    product = cross(vector, rotations)
     return (
-        rotations - once / 2 + (1 - angle / 2 / np.tan(angle / 2)) / angle**2 * cross(vector, once)
+        rotations
+        - product / 2
+        + (1 - angle / 2 / np.tan(angle / 2)) / angle**2 * cross(vector, product)
     )
 
 
-def _above(rows):
+def _position_rows(rows):
     return np.concatenate([rows, np.zeros_like(rows)], 1)
 
 
-def _below(rotations):
+def _rotation_rows(rotations):
     return np.concatenate([np.zeros_like(rotations), rotations], 1)

@@ -17,7 +17,7 @@ from workbench.core.parameters import Parameter
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
 # through fewer points there is always a sphere: it says nothing then
-_LEAST = 5
+_MIN_POINTS = 5
 _ROUNDS = 40
 
 
@@ -42,7 +42,7 @@ class LaserSpot(Contact):
         _, sphere, counts = np.unique(
             recording.columns["sphere"][first], return_inverse=True, return_counts=True
         )
-        bound = counts >= _LEAST
+        bound = counts >= _MIN_POINTS
         sphere = np.where(bound, np.cumsum(bound) - 1, -1)[sphere]
         return cls(index, tuple(int(i) for i in ids), sphere, np.tile(np.eye(3), (len(ids), 1, 1)))
 
@@ -83,27 +83,27 @@ class LaserSpot(Contact):
         point = points[:, self.index]
         displacement = point - frames.point(values[:3])
         seen = np.stack([(axis * displacement).sum(0) for axis in axes])
-        about = rotation.T @ left_jacobian(values[3:6])
+        rotation_rows = rotation.T @ left_jacobian(values[3:6])
         tool_rows = np.concatenate(
             [
                 np.repeat(-rotation[:, :2, None], len(self.index), 2),
-                cross(seen, about.T[:, :, None])[:, :2],
+                cross(seen, rotation_rows.T[:, :, None])[:, :2],
             ]
         )
-        world = point_rows[:, :, self.index] * self._mine(point_rows)[:, None]
-        across = np.stack(axes[:2])
-        rows = np.concatenate([tool_rows, np.einsum("acn,kcn->kan", across, world)])
+        world = point_rows[:, :, self.index] * self._moves_sample(point_rows)[:, None]
+        transverse = np.stack(axes[:2])
+        rows = np.concatenate([tool_rows, np.einsum("acn,kcn->kan", transverse, world)])
         for port, delta in deltas.items():
             if port in ("sensor", "target"):
                 seen = add_delta(seen, delta)
-        both = np.repeat(np.eye(3)[:, :2, None], len(self.index), 2)
+        spot_rows = np.repeat(np.eye(3)[:, :2, None], len(self.index), 2)
         return Closure(
             seen[:2],
             point,
-            lambda moved: -np.einsum("acn,kcn->kan", across, moved),
+            lambda moved: -np.einsum("acn,kcn->kan", transverse, moved),
             rows,
-            {"sensor": both, "target": both},
-            to_world=lambda seen: np.einsum("acn,an->cn", across, seen),
+            {"sensor": spot_rows, "target": spot_rows},
+            to_world=lambda seen: np.einsum("acn,an->cn", transverse, seen),
         )
 
     def _points(self, values):
@@ -111,23 +111,23 @@ class LaserSpot(Contact):
         spheres = values[: 4 * self.spheres].reshape(-1, 4)
         points = np.zeros((3, len(self.ids)))
         rows = np.zeros((len(values), 3, len(self.ids)))
-        at = 4 * self.spheres
+        first_row = 4 * self.spheres
         for k, s in enumerate(self.sphere):  # points, not samples: a few dozen
             if s < 0:
-                points[:, k] = values[at : at + 3]
-                rows[at : at + 3, :, k] = np.eye(3)
-                at += 3
+                points[:, k] = values[first_row : first_row + 3]
+                rows[first_row : first_row + 3, :, k] = np.eye(3)
+                first_row += 3
                 continue
-            tilt = np.array([*values[at : at + 2], 0.0])
+            tilt = np.array([*values[first_row : first_row + 2], 0.0])
             ray = self.facing[k] @ rotation_matrix(tilt)[:, 2]
             by_tilt = (self.facing[k] @ left_jacobian(tilt))[:, :2]
             points[:, k] = spheres[s, :3] + spheres[s, 3] * ray
             rows[4 * s : 4 * s + 3, :, k], rows[4 * s + 3, :, k] = np.eye(3), ray
-            rows[at : at + 2, :, k] = spheres[s, 3] * np.cross(by_tilt.T, ray)
-            at += 2
+            rows[first_row : first_row + 2, :, k] = spheres[s, 3] * np.cross(by_tilt.T, ray)
+            first_row += 2
         return points, rows
 
-    def _mine(self, point_rows):
+    def _moves_sample(self, point_rows):
         """(P, n) 1 where a parameter moves the point of a sample."""
         return point_rows.any(1)[:, self.index]
 
@@ -136,8 +136,10 @@ class LaserSpot(Contact):
         facing = self.facing.copy()
         points = self._start_points(frames)[2]
         for s in range(self.spheres):
-            mine = self.sphere == s
-            facing[mine] = _facing(points[mine] - _sphere_through(points[mine])[:3])
+            is_on_sphere = self.sphere == s
+            facing[is_on_sphere] = _facing(
+                points[is_on_sphere] - _sphere_through(points[is_on_sphere])[:3]
+            )
         return replace(self, facing=facing)
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -165,8 +167,10 @@ class LaserSpot(Contact):
             seen = np.einsum("nji,nj->ni", rotations, points[self.index] - origins)
             origin = seen.mean(0)
             direction = np.linalg.svd(seen - origin, full_matrices=False)[2][0]
-        off = seen - origin
-        distance = float(((off - np.outer(off @ direction, direction)) ** 2).sum())
+        displacement = seen - origin
+        distance = float(
+            ((displacement - np.outer(displacement @ direction, direction)) ** 2).sum()
+        )
         origin = origin - (origin @ direction) * direction
         rotation, _ = rigid_fit(
             np.stack([np.zeros(3), [0.0, 0, 1]]), np.stack([np.zeros(3), direction])

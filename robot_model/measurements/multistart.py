@@ -140,7 +140,9 @@ class RotationSystem:
         for other in found[1:]:
             base = _angle_between(best.rotations[:1], other.rotations[:1])
             rise = float(reduced.cost(other.rotations[None])[0]) - lowest
-            barrier = float(reduced.cost(_between(best.rotations, other.rotations)).max()) - lowest
+            barrier = (
+                float(reduced.cost(_interpolated(best.rotations, other.rotations)).max()) - lowest
+            )
             if base > _SAME_RAD and rise < _AS_WELL * variance and barrier > _BARRIER * variance:
                 equal.append(other)
         return [best, *equal]
@@ -213,11 +215,11 @@ class _Reduced:
         """(S, K, 3, 3) rotations to descend from: the closed form, then the best of a grid over SO(3)^K."""
         grid = icosahedral_rotations()
         if self.count == 1:
-            sets = grid[:, None]
+            start_sets = grid[:, None]
         else:
-            sets = self._best_pairs(grid)
-        order = np.argsort(self.cost(sets), kind="stable")[:_SCREENED]
-        return np.concatenate([self._closed_form()[None], sets[order]])
+            start_sets = self._best_pairs(grid)
+        order = np.argsort(self.cost(start_sets), kind="stable")[:_SCREENED]
+        return np.concatenate([self._closed_form()[None], start_sets[order]])
 
     def _best_pairs(self, grid: np.ndarray) -> np.ndarray:
         """(S, 2, 3, 3): for every rotation of the grid at either place, the best partner from the grid."""
@@ -279,12 +281,14 @@ class _Reduced:
 
         d vec(X) / d omega_j = vec([e_j]x X) is linear in X, too.
         """
-        parts = np.zeros((self.count, 3, 3, 3 * self.count + 1, len(self.rows)))
+        coefficients = np.zeros((self.count, 3, 3, 3 * self.count + 1, len(self.rows)))
         for k in range(self.count):
-            mine = self.rows[:, 9 * k : 9 * k + 9].reshape(-1, 3, 3)
-            parts[k, :, :, 3 * k : 3 * k + 3] = np.einsum("jab,rac->bcjr", _GENERATORS, mine)
-            parts[k, :, :, -1] = mine.transpose(1, 2, 0)
-        return parts.reshape(9 * self.count, -1)
+            sample_rows = self.rows[:, 9 * k : 9 * k + 9].reshape(-1, 3, 3)
+            coefficients[k, :, :, 3 * k : 3 * k + 3] = np.einsum(
+                "jab,rac->bcjr", _GENERATORS, sample_rows
+            )
+            coefficients[k, :, :, -1] = sample_rows.transpose(1, 2, 0)
+        return coefficients.reshape(9 * self.count, -1)
 
     def _products(self, rotations: np.ndarray) -> np.ndarray:
         """(S, 3 K + 1, 3 K + 1) inner products of the columns of the Jacobian (rad) and, last, of the residual."""
@@ -298,10 +302,10 @@ class _Reduced:
         slope = (self.residual(rotations) @ self.rows[:, :-1]).reshape(rotations.shape)
         product = rotations @ slope.swapaxes(2, 3)
         trace = np.trace(product, axis1=2, axis2=3)[:, :, None, None]
-        each = (product + product.swapaxes(2, 3)) / 2 - trace * np.eye(3)
+        second_order = (product + product.swapaxes(2, 3)) / 2 - trace * np.eye(3)
         hessian = np.zeros((len(rotations), 3 * self.count, 3 * self.count))
         for k in range(self.count):
-            hessian[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = each[:, k]
+            hessian[:, 3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = second_order[:, k]
         return hessian
 
     def descended(self, rotations: np.ndarray, steps: int, by_newton: bool = False) -> np.ndarray:
@@ -332,9 +336,9 @@ class _Descent:
     products: np.ndarray
     damping: np.ndarray
 
-    def of(self, which: np.ndarray) -> "_Descent":
+    def of(self, selected: np.ndarray) -> "_Descent":
         """Some of the descents."""
-        return _Descent(self.rotations[which], self.products[which], self.damping[which])
+        return _Descent(self.rotations[selected], self.products[selected], self.damping[selected])
 
     def step(self, second, products_at) -> tuple["_Descent", np.ndarray]:
         """The descents after one step each, and which of them (S,) go on."""
@@ -429,7 +433,7 @@ _GENERATORS = np.array(
 )
 
 
-def _between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _interpolated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(S, K, 3, 3) rotations on the shortest way between two sets (K, 3, 3), the ends left out."""
     from scipy.spatial.transform import Rotation
 

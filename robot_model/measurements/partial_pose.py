@@ -23,35 +23,37 @@ AXES = {("nx", "ny", "nz"): 0, ("ox", "oy", "oz"): 1}
 
 @dataclass(frozen=True)
 class PartialPose(MeasuredPose):
-    """Measured points (3, n) mm and unit axes (3, n), external frame; `which` axis of the tool that is.
+    """Measured points (3, n) mm and unit axes (3, n), external frame; `axis_number` axis of the tool that is.
 
     The data hold nothing about the rotation of the tool about the measured axis.
     """
 
     measured: np.ndarray
     axis: np.ndarray
-    which: int
+    axis_number: int
     angles = 2
 
     @classmethod
     def of(cls, recording) -> "PartialPose":
         """From a recording with columns nx ny nz (the tool's x axis) or ox oy oz (its y axis)."""
-        names, which = next(
+        names, axis_number = next(
             (names, k) for names, k in AXES.items() if set(names) <= set(recording.columns)
         )
         axis = np.stack([recording.columns[name] for name in names])
         return cls(
-            np.ascontiguousarray(recording.points.T), axis / np.linalg.norm(axis, axis=0), which
+            np.ascontiguousarray(recording.points.T),
+            axis / np.linalg.norm(axis, axis=0),
+            axis_number,
         )
 
     def at(self, samples: np.ndarray) -> "PartialPose":
         return replace(self, measured=self.measured[:, samples], axis=self.axis[:, samples])
 
     @property
-    def across(self) -> np.ndarray:
+    def transverse_axes(self) -> np.ndarray:
         """(2, 3, n) unit vectors across the measured axis."""
-        least = np.eye(3)[:, np.abs(self.axis).argmin(0)]
-        first = cross(self.axis, least)
+        least_axis = np.eye(3)[:, np.abs(self.axis).argmin(0)]
+        first = cross(self.axis, least_axis)
         first = first / np.linalg.norm(first, axis=0)
         return np.stack([first, cross(self.axis, first)])
 
@@ -65,10 +67,10 @@ class PartialPose(MeasuredPose):
         axes = np.stack(frames.end)
         point = moved_target(frames.point(values[:3]), axes, deltas)
         predicted = add_delta(point, deltas["sensor"]) if "sensor" in deltas else point
-        axis = np.einsum("fcn,f->cn", axes, tool[:, self.which])
-        across = self.across
+        axis = np.einsum("fcn,f->cn", axes, tool[:, self.axis_number])
+        transverse = self.transverse_axes
 
-        sines = np.einsum("acn,cn->an", across, axis)
+        sines = np.einsum("acn,cn->an", transverse, axis)
         cosine = (self.axis * axis).sum(0)
         is_opposite = (np.abs(sines).max(0) < 1e-12) & (cosine < 0)
         sines[0, is_opposite] = 1e-12  # a rotation by pi about any axis across
@@ -77,7 +79,10 @@ class PartialPose(MeasuredPose):
         def lean(rotations):
             moved = cross(rotations, np.broadcast_to(axis, rotations.shape))
             return _logarithm_rows(
-                sines, cosine, np.einsum("acn,kcn->kan", across, moved), (self.axis * moved).sum(1)
+                sines,
+                cosine,
+                np.einsum("acn,kcn->kan", transverse, moved),
+                (self.axis * moved).sum(1),
             )
 
         tool_rows = np.zeros((6, 5, point.shape[1]))
@@ -87,10 +92,10 @@ class PartialPose(MeasuredPose):
         return Closure(
             residual,
             point,
-            _above,
+            _position_rows,
             tool_rows,
             self.port_rows(axes),
-            lambda rotations: _below(lean(rotations)),
+            lambda rotations: _rotation_rows(lean(rotations)),
         )
 
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
@@ -101,8 +106,8 @@ class PartialPose(MeasuredPose):
         from scipy.spatial.transform import Rotation
 
         start = self.system(frames).starts()[0]
-        axis = start.rotations[1][:, self.which]
-        alignment, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.which][None])
+        axis = start.rotations[1][:, self.axis_number]
+        alignment, _ = Rotation.align_vectors(axis[None], np.eye(3)[self.axis_number][None])
         place = start.translations[3:]
         return base_values(start, frames, self.measured), np.concatenate(
             [place, alignment.as_rotvec()]
@@ -113,16 +118,18 @@ class PartialPose(MeasuredPose):
         rotations = flange_matrices(frames)
         points = point_system(frames, self.measured, np.zeros(len(rotations), int), 1)
         by_base = kronecker_rows(self.axis).reshape(-1, 3, 9)
-        by_tool = np.einsum("nij,k->nijk", rotations, np.eye(3)[self.which]).reshape(-1, 3, 9)
+        by_tool = np.einsum("nij,k->nijk", rotations, np.eye(3)[self.axis_number]).reshape(-1, 3, 9)
         unit = lever_arm(frames.end_origin) / MODEL_ERROR_MM
         return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (5, n)."""
-        names = next(names for names, which in AXES.items() if which == self.which)
+        names = next(
+            names for names, axis_number in AXES.items() if axis_number == self.axis_number
+        )
         angle = np.sqrt((residual[3:] ** 2).sum(0))
         sines = np.sinc(angle / np.pi) * residual[3:]
-        axis = np.cos(angle) * self.axis + np.einsum("acn,an->cn", self.across, sines)
+        axis = np.cos(angle) * self.axis + np.einsum("acn,an->cn", self.transverse_axes, sines)
         columns = dict(zip(("x_mm", "y_mm", "z_mm"), self.measured + residual[:3]))
         return columns | dict(zip(names, axis))
 
@@ -151,9 +158,9 @@ def _logarithm_rows(sines, cosine, sine_rows, cosine_rows):
     return stretch * sine_rows + change[:, None] * sines
 
 
-def _above(rows):
+def _position_rows(rows):
     return np.concatenate([rows, np.zeros((len(rows), 2, rows.shape[2]))], 1)
 
 
-def _below(rotations):
+def _rotation_rows(rotations):
     return np.concatenate([np.zeros((len(rotations), 3, rotations.shape[2])), rotations], 1)

@@ -52,18 +52,18 @@ class PlaneTouch(Contact):
             np.swapaxes(left_jacobian(tilt), 1, 2)[:, :2], normals[:, None]
         )  # (K, 2, 3)
         normal = normals[self.index].T
-        across = np.einsum("nkc,cn->kn", rotated[self.index], tip)
-        columns = np.stack([*across, np.full(len(self.index), -1.0)])
-        mine = np.arange(len(planes))[:, None] == self.index
-        plane_rows = (mine[:, None] * columns).reshape(-1, 1, len(self.index))
-        along = (axes * normal).sum(1)[:, None]
+        tip_rows = np.einsum("nkc,cn->kn", rotated[self.index], tip)
+        columns = np.stack([*tip_rows, np.full(len(self.index), -1.0)])
+        is_of_plane = np.arange(len(planes))[:, None] == self.index
+        plane_rows = (is_of_plane[:, None] * columns).reshape(-1, 1, len(self.index))
+        axis_rows = (axes * normal).sum(1)[:, None]
         residual = (normal * tip).sum(0) - planes[self.index, 2]
         return Closure(
             residual[None],
             tip,
             lambda rows: (rows * normal).sum(1)[:, None],
-            np.concatenate([along, plane_rows]),
-            {"target": along, "sensor": normal[:, None]},
+            np.concatenate([axis_rows, plane_rows]),
+            {"target": axis_rows, "sensor": normal[:, None]},
             to_world=lambda gap: normal * gap,
         )
 
@@ -77,8 +77,10 @@ class PlaneTouch(Contact):
             normal = normals[self.index]
             rows = np.einsum("ni,nij->nj", normal, rotations)
             right = -(normal * (origins - middles[self.index])).sum(1)
-            ones = np.eye(len(self.ids))[self.index]  # each plane may shift along its normal
-            tip = least_squares(np.column_stack([rows, -ones]), right, 1e-9)[:3]
+            plane_columns = np.eye(len(self.ids))[
+                self.index
+            ]  # each plane may shift along its normal
+            tip = least_squares(np.column_stack([rows, -plane_columns]), right, 1e-9)[:3]
         normals, middles = self._planes(origins + rotations @ tip)
         tilts = np.stack([-normals[:, 1], normals[:, 0]], 1)
         size = np.linalg.norm(tilts, axis=1, keepdims=True)
@@ -91,8 +93,8 @@ class PlaneTouch(Contact):
         normals = []
         middles = []
         for k in range(len(self.ids)):
-            mine = tips[self.index == k]
-            middles.append(mine.mean(0))
-            normal = np.linalg.svd(mine - middles[-1])[2][2]
+            plane_tips = tips[self.index == k]
+            middles.append(plane_tips.mean(0))
+            normal = np.linalg.svd(plane_tips - middles[-1])[2][2]
             normals.append(normal if normal[2] >= 0 else -normal)
         return np.array(normals), np.array(middles)

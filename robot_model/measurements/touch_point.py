@@ -46,8 +46,10 @@ class TouchPoint(Contact):
         points = values[3:].reshape(-1, 3)[self.index].T
         axes = np.stack(frames.end)
         tip = moved_target(frames.point(values[:3]), axes, deltas)
-        mine = np.stack([self.index == k for k in range(len(self.ids))]).astype(float)
-        point_rows = -np.einsum("pn,ij->pijn", mine, np.eye(3)).reshape(-1, 3, len(self.index))
+        is_of_point = np.stack([self.index == k for k in range(len(self.ids))]).astype(float)
+        point_rows = -np.einsum("pn,ij->pijn", is_of_point, np.eye(3)).reshape(
+            -1, 3, len(self.index)
+        )
         gap = np.broadcast_to(np.eye(3)[:, :, None], axes.shape)
         residual = tip - points
         if "sensor" in deltas:

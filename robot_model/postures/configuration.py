@@ -47,8 +47,8 @@ def configuration_signs(robot: Robot, readings: np.ndarray) -> np.ndarray:
     axes = frames.z
     points = frames.z_origin
     wrist = _nearest_point(points[4], axes[4], points[3], axes[3])
-    upper = _across(points[2] - points[1], axes[1])
-    forearm = _across(wrist - points[2], axes[1])
+    upper = _perpendicular(points[2] - points[1], axes[1])
+    forearm = _perpendicular(wrist - points[2], axes[1])
     lengths = np.linalg.norm(upper, axis=0), np.linalg.norm(forearm, axis=0)
     shoulder = _dot(np.cross(axes[0], axes[1], axis=0), wrist - points[0])
     bend = _dot(axes[1], np.cross(upper, forearm, axis=0))
@@ -67,7 +67,7 @@ def configuration_name(signs) -> str:
     return ", ".join(f"{name} {marks[int(sign)]}" for name, sign in zip(SIGNS, signs))
 
 
-def _across(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
+def _perpendicular(vectors: np.ndarray, axes: np.ndarray) -> np.ndarray:
     """(3, n) the parts of vectors that are perpendicular to unit axes."""
     return vectors - _dot(vectors, axes) * axes
 
@@ -81,5 +81,5 @@ def _nearest_point(point, axis, other, other_axis) -> np.ndarray:
     """(3, n) the point of the line (point, axis) that is next to the line (other, other_axis); unit axes."""
     cosine = _dot(axis, other_axis)
     gap = other - point
-    along = _dot(gap, axis) - cosine * _dot(gap, other_axis)
-    return point + axis * (along / np.maximum(1 - cosine**2, 1e-9))
+    distance = _dot(gap, axis) - cosine * _dot(gap, other_axis)
+    return point + axis * (distance / np.maximum(1 - cosine**2, 1e-9))

@@ -30,12 +30,12 @@ class Task:
 
     `point` (3,) mm in the flange frame: the point whose position comes first. `ranks`: number of directions of its
     position (0 to 3), and then of the orientation while it stands still, in which the readings move the tool; (3, 3)
-    for an arm with six joints. `held` (R,) bool: readings that no correction may change.
+    for an arm with six joints. `is_fixed` (R,) bool: readings that no correction may change.
     """
 
     point: np.ndarray
     ranks: tuple
-    held: np.ndarray
+    is_fixed: np.ndarray
 
     @classmethod
     def of(cls, robot, values, ranges=None):
@@ -46,13 +46,13 @@ class Task:
         """
         points = list(calibrated_points(values).values())
         point = np.array(points[0] if points else [0.0, 0.0, 0.0])
-        held = held_readings(robot, ranges or {})
-        return cls(point, _movable_ranks(robot, point, held), held)
+        is_fixed = held_readings(robot, ranges or {})
+        return cls(point, _movable_ranks(robot, point, is_fixed), is_fixed)
 
     @property
     def is_deficient(self) -> bool:
         """Whether there are directions in which the joints cannot move the tool, or joints that no drive moves."""
-        return sum(self.ranks) < _FULL or bool(self.held.any())
+        return sum(self.ranks) < _FULL or bool(self.is_fixed.any())
 
 
 def held_readings(robot: Robot, ranges) -> np.ndarray:
@@ -60,26 +60,28 @@ def held_readings(robot: Robot, ranges) -> np.ndarray:
 
     Such a joint is coupled to another one, and its own reading stayed at one value throughout the recording.
     """
-    held = np.zeros(robot.mixing.shape[1], bool)
+    is_fixed = np.zeros(robot.mixing.shape[1], bool)
     if robot.mixing.shape[0] != robot.mixing.shape[1]:
-        return held  # mimic joints of a URDF have no readings
+        return is_fixed  # mimic joints of a URDF have no readings
     for k, slides in enumerate(sliding(robot)):
         low, high = ranges.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
-        held[k] = np.count_nonzero(robot.mixing[k]) > 1 and high == low
-    return held
+        is_fixed[k] = np.count_nonzero(robot.mixing[k]) > 1 and high == low
+    return is_fixed
 
 
-def _movable_ranks(robot: Robot, point, held: np.ndarray) -> tuple[int, int]:
+def _movable_ranks(robot: Robot, point, is_fixed: np.ndarray) -> tuple[int, int]:
     low, high = robot.limits.T
     ends = np.where(sliding(robot), LEVER_MM, np.pi)
     low = np.where(np.isnan(low), -ends, low)
     high = np.where(np.isnan(high), ends, high)
     readings = np.random.default_rng(0).uniform(low, high, (_CONFIGURATIONS, len(low)))
-    jacobian = _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point) * ~held
+    jacobian = (
+        _reading_jacobian(robot, forward(robot, robot.mixing @ readings.T), point) * ~is_fixed
+    )
     _, moved, directions = np.linalg.svd(jacobian[:, :3])
     place = int((moved > _MOVABLE * moved.max()).sum(1).max())
-    still = np.swapaxes(directions[:, place:], 1, 2)
-    rotations = np.linalg.svd(jacobian[:, 3:] @ still, compute_uv=False)
+    null_space = np.swapaxes(directions[:, place:], 1, 2)
+    rotations = np.linalg.svd(jacobian[:, 3:] @ null_space, compute_uv=False)
     return place, int((rotations > _MOVABLE).sum(1).max(initial=0))
 
 
@@ -105,7 +107,7 @@ def joint_part(robot, frames, error, task, weights=1.0) -> tuple:
     frames: of the arm, root frame. error (6, n): of `pose_difference` at the point of the task. weights (R,): how
     readily a reading takes part where there is a choice.
     """
-    scale = np.where(sliding(robot), LEVER_MM, 1.0) * weights * ~task.held
+    scale = np.where(sliding(robot), LEVER_MM, 1.0) * weights * ~task.is_fixed
     jacobian = geometric_jacobian(robot, frames, task.point) @ robot.mixing * scale
     step, movable = priority_step(jacobian, error, task.ranks)
     return step * scale, movable
@@ -147,14 +149,14 @@ def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int
     """
     place = error[:3].T
     rotation = error[3:].T
-    inverse, still, movable = _ranked(jacobian[:, :3], ranks[0])
+    inverse, null_space, movable = _ranked(jacobian[:, :3], ranks[0])
     first = _times(inverse, place)
-    inner, _, turnable = _ranked(jacobian[:, 3:] @ still, ranks[1])
+    inner, _, turnable = _ranked(jacobian[:, 3:] @ null_space, ranks[1])
     remaining = rotation - _times(jacobian[:, 3:], first)
-    step = first + _times(still, _times(inner, remaining))
-    rest = np.linalg.norm(_times(movable, place), axis=1)
+    step = first + _times(null_space, _times(inner, remaining))
+    position_error = np.linalg.norm(_times(movable, place), axis=1)
     rest_rotation = np.linalg.norm(_times(turnable, rotation), axis=1)
-    return step, np.maximum(rest, LEVER_MM * rest_rotation)
+    return step, np.maximum(position_error, LEVER_MM * rest_rotation)
 
 
 def _ranked(matrix, rank: int) -> tuple:

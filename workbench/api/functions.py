@@ -220,10 +220,10 @@ def _checked(value, parameter: inspect.Parameter):
     """The value; InputError where the command takes other types, as a number where a path or a text is expected."""
     kind = plain_type(parameter)
     kinds = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
-    plain = tuple(typing.get_origin(one) or one for one in kinds)
-    plain = tuple(one for one in plain if isinstance(one, type))
+    plain = tuple(typing.get_origin(member) or member for member in kinds)
+    plain = tuple(member for member in plain if isinstance(member, type))
     others = {float: (int, np.number), int: (np.integer,), list: (tuple, set)}
-    fitting = (*plain, *(other for one in plain for other in others.get(one, ())))
+    fitting = (*plain, *(other for member in plain for other in others.get(member, ())))
     if len(plain) < len(kinds) or value is None or isinstance(value, fitting):
         return value
     raise InputError(

@@ -181,12 +181,16 @@ class Result:
 
     def _repr_html_(self) -> str:
         """HTML for a notebook: verdict, image of the run, main table, and the text of the command folded up."""
-        parts = [f"<p><b>{html.escape(self.verdict_sentence)}</b></p>", self._image(), self._main()]
+        elements = [
+            f"<p><b>{html.escape(self.verdict_sentence)}</b></p>",
+            self._image(),
+            self._main(),
+        ]
         text = html.escape(self.summary())
-        parts.append(
+        elements.append(
             f"<details><summary>workbench {self.command}</summary><pre>{text}</pre></details>"
         )
-        return "".join(parts)
+        return "".join(elements)
 
     @property
     def verdict_sentence(self) -> str:
@@ -222,8 +226,8 @@ class Result:
             for row in shown
         ]
         note = f"<p>{len(shown)} of {len(rows)} rows; to_frame() has all.</p>"
-        more = note if len(rows) > len(shown) else ""
-        return _html_table(shown_names, cells) + more
+        row_note = note if len(rows) > len(shown) else ""
+        return _html_table(shown_names, cells) + row_note
 
     def to_frame(self):
         """The main table as a pandas DataFrame: parameters, effects, images, corrected targets, ...

@@ -76,9 +76,11 @@ class Gate:
         return host in {f"{name}:{self.port}" for name in HOSTS}
 
     def _is_own_origin(self, origin: str) -> bool:
-        parts = urlsplit(origin)
+        address = urlsplit(origin)
         return (
-            parts.scheme == "http" and self._is_own_host(parts.netloc) and not parts.path.strip("/")
+            address.scheme == "http"
+            and self._is_own_host(address.netloc)
+            and not address.path.strip("/")
         )
 
 

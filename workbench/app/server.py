@@ -20,10 +20,10 @@ class Options:
     browser: bool = True
 
 
-def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
+def serve(opened, options: Options, progress: Callable[[str], None] = print) -> None:
     """Serve the app until it is interrupted.
 
-    opened: a `workbench.app.data.opened.Opened`, None to import one; say: called with the address once the
+    opened: a `workbench.app.data.opened.Opened`, None to import one; progress: called with the address once the
     app can be reached.
     Raises InputError for a session that cannot be read or a port that is taken, ImportError without trame.
     """
@@ -39,7 +39,7 @@ def serve(opened, options: Options, say: Callable[[str], None] = print) -> None:
 
     def announce(**_):
         address = f"http://{HOST}:{server.port}/?token={token}"
-        say(address)
+        progress(address)
         if options.browser:
             webbrowser.open(address)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from workbench.app.data.comparison import comparison_rows
-from workbench.app.data.decimate import Histogram, within
+from workbench.app.data.decimate import Histogram, is_within_ranges
 from workbench.app.data.memo import Memo
 from workbench.app.data.numbers import rows_of
 from workbench.app.data.opened import Opened, newest_diagnosis, open_subject
@@ -102,7 +102,7 @@ class Workspace:
         """Select all samples in a rectangle of the chart of the residual over the quantity `name`."""
         x = self.quantities[name]
         y = self.lengths(kind)
-        self.select(np.flatnonzero(within(x, y, x_range, y_range)), mode)
+        self.select(np.flatnonzero(is_within_ranges(x, y, x_range, y_range)), mode)
 
     def select_lengths(self, low: float, high: float, kind: str = "", mode: str = REPLACE) -> None:
         """Select all samples whose residual has a length from `low` to `high`, mm."""

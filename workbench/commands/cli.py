@@ -242,9 +242,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         status = int(app(args=words, prog_name="workbench", standalone_mode=False) or 0)
-        return _say(_STOPPED, INTERRUPTED) if status == INTERRUPTED else status
+        return _print_error(_STOPPED, INTERRUPTED) if status == INTERRUPTED else status
     except (KeyboardInterrupt, typer.Abort):
-        return _say(_STOPPED, INTERRUPTED)
+        return _print_error(_STOPPED, INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -254,41 +254,41 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 def _failed(error: Exception) -> int:
     if isinstance(error, InputError):
-        status = _say(str(error), 2)
+        status = _print_error(str(error), 2)
         if error.example:
             print(f"\n{error.example}", file=sys.stderr)
         return status
     if isinstance(error, Stopped):
-        return _say(str(error), INTERRUPTED)
+        return _print_error(str(error), INTERRUPTED)
     if isinstance(error, typer.TyperException):
-        return _say(_wrong_call(error), 2)
+        return _print_error(_wrong_call(error), 2)
     if isinstance(error, ImportError) and (sentence := missing_package(error)):
-        return _say(sentence, 2)
+        return _print_error(sentence, 2)
     if isinstance(error, OSError) and not _has_working_directory():
-        return _say(
+        return _print_error(
             "The working directory was removed, so files cannot be found or written there. "
             "Change to another folder and repeat the command.",
             2,
         )
     if isinstance(error, OSError) and error.errno in _REFUSALS and error.filename:
-        return _say(
+        return _print_error(
             f"{error.filename} cannot be used ('{error.strerror}'). "
             "Choose another path or change its permissions.",
             2,
         )
     if isinstance(error, OSError) and error.errno in _FULL:
-        return _say(
+        return _print_error(
             f"The disk is full ('{error.strerror}'), so the result is not written. "
             "Free space or name a folder on another disk, and repeat the command.",
             2,
         )
     if isinstance(error, MemoryError):
-        return _say(
+        return _print_error(
             "The memory of this machine does not suffice for this input. "
             "Use fewer samples or smaller images, or another machine.",
             2,
         )
-    return _say(
+    return _print_error(
         f"This is a bug of the workbench, not of your input ({type(error).__name__}). "
         f"Please report it with the file {_traceback_file(error)}, which holds the traceback.",
         BUG,
@@ -322,6 +322,6 @@ def _traceback_file(error: Exception) -> Path:
     return Path(file.name)
 
 
-def _say(sentence: str, status: int) -> int:
+def _print_error(sentence: str, status: int) -> int:
     print(" ".join(sentence.split()), file=sys.stderr)
     return status

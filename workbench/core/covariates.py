@@ -30,17 +30,17 @@ def instant_format(state) -> str:
 
 
 def last_moves(
-    variables: np.ndarray, time: np.ndarray, still: np.ndarray, pose: np.ndarray
+    variables: np.ndarray, time: np.ndarray, is_static: np.ndarray, pose: np.ndarray
 ) -> np.ndarray:
     """(J, n) how far each joint came from the configuration before, in the order of `time` (n,).
 
-    Rows one after another with the same `pose` (n,), or that differ by no more than `still` (J,), were measured at one
-    configuration, as several reflectors are, and share how it was reached. The first has moved nowhere.
+    Rows one after another with the same `pose` (n,), or that differ by no more than `is_static` (J,), were measured at
+    one configuration, as several reflectors are, and share how it was reached. The first has moved nowhere.
     """
     order = np.argsort(time, kind="stable")
     q = variables[:, order]
     step = np.diff(q, axis=1, prepend=q[:, :1])
-    came = (np.abs(step) > still[:, None]).any(0) & (
+    came = (np.abs(step) > is_static[:, None]).any(0) & (
         np.diff(pose[order], prepend=pose[order[:1]]) != 0
     )
     arrived = np.maximum.accumulate(np.where(came, np.arange(len(order)), 0))

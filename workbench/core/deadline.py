@@ -17,8 +17,8 @@ class OutOfTime(Exception):
 
 
 class _Limit:
-    def __init__(self, seconds: float, say: Callable[[str], None]):
-        self.seconds, self.say = seconds, say
+    def __init__(self, seconds: float, report: Callable[[str], None]):
+        self.seconds, self.say = seconds, report
         self.start = time.process_time()
         self.reported = _SILENT_S - _INTERVAL_S
 
@@ -35,9 +35,9 @@ _current: ContextVar[_Limit | None] = ContextVar("limit", default=None)
 
 
 @contextmanager
-def limited(seconds: float, say: Callable[[str], None] = lambda text: None) -> Iterator[None]:
+def limited(seconds: float, report: Callable[[str], None] = lambda text: None) -> Iterator[None]:
     """Inside, `check` raises OutOfTime after so many seconds of processor time, and says how many are spent."""
-    token = _current.set(_Limit(seconds, say))
+    token = _current.set(_Limit(seconds, report))
     try:
         yield
     finally:

@@ -392,8 +392,8 @@ def _checked(kind, name, options) -> dict:
                 value, strict=True
             )
         except ValidationError as problem:
-            what = problem.errors()[0]["msg"].removeprefix("Input should be ")
+            message = problem.errors()[0]["msg"].removeprefix("Input should be ")
             raise InputError(
-                f"effect '{name}', option {key}: expected {what}, found {value!r}; correct it"
+                f"effect '{name}', option {key}: expected {message}, found {value!r}; correct it"
             ) from None
     return options

@@ -177,7 +177,7 @@ class Model:
         values = parameters.values
         filled = parameters.mask[:chain_size].sum()
         rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:chain_size]))
-        evaluation = _Once(evaluation, self._indices_by_port)
+        evaluation = _CachedEvaluation(evaluation, self._indices_by_port)
         loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
             free = parameters.mask[span]
@@ -199,11 +199,11 @@ class Model:
     @cached_property
     def _indices_by_port(self) -> dict[str, np.ndarray]:
         """Sorted components that any effect changes, for each port that acts on the residual directly."""
-        every: dict[str, set] = {}
+        indices: dict[str, set] = {}
         for effect in self.effects:
             if effect.port not in (NOISE, *STATE_PORTS):
-                every.setdefault(effect.port, set()).update(self._port_indices[effect].tolist())
-        return {port: np.array(sorted(port_indices)) for port, port_indices in every.items()}
+                indices.setdefault(effect.port, set()).update(self._port_indices[effect].tolist())
+        return {port: np.array(sorted(port_indices)) for port, port_indices in indices.items()}
 
     def jacobian(self, parameters: Parameters) -> np.ndarray:
         """(m n, F) derivative of the stacked residual with respect to the free parameters."""
@@ -242,10 +242,10 @@ class Model:
                 for number, value in enumerate(values[effect_span]):
                     total += _contract(changes[:, number], value * rows)
             else:
-                each = [
+                row_blocks = [
                     self._numeric_by_load(effect, effect_span, span, values) for _, span in causes
                 ]
-                total += _contract(np.concatenate(each), rows)
+                total += _contract(np.concatenate(row_blocks), rows)
         return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
 
     def _numeric_by_load(self, effect, effect_span, span, values):
@@ -289,16 +289,16 @@ class Model:
 
     def _deltas_of(self, effects: Iterable[tuple[Effect, slice]], values) -> Deltas:
         """The same of some effects with their spans."""
-        parts: dict[str, list] = {}
+        by_port: dict[str, list] = {}
         for effect, span in effects:
             if (
                 effect.port not in STATE_PORTS
                 and (values[span] != self.parameters.nulls[span]).any()
             ):
-                parts.setdefault(effect.port, []).append(
+                by_port.setdefault(effect.port, []).append(
                     (self._port_indices[effect], self._delta(effect, span, values))
                 )
-        return {port: _add_up(pieces) for port, pieces in parts.items()}
+        return {port: _add_up(pieces) for port, pieces in by_port.items()}
 
     def _delta(self, effect, span, values):
         if effect.linear:
@@ -400,7 +400,7 @@ class _BasesOfPart(dict):
         return basis
 
 
-class _Once:
+class _CachedEvaluation:
     """An evaluation that makes the rows of a port once, for all the effects on it together."""
 
     def __init__(self, evaluation, indices_by_port):
@@ -419,9 +419,9 @@ class _Once:
         return rows[first[0], None] if len(first) == 1 else rows[first]
 
 
-def _combined(sizes: np.ndarray, parts: np.ndarray) -> np.ndarray:
+def _combined(sizes: np.ndarray, components: np.ndarray) -> np.ndarray:
     """(...) sum of parts (P, ...) times their sizes (P,)."""
-    return (sizes @ parts.reshape(len(parts), -1)).reshape(parts.shape[1:])
+    return (sizes @ components.reshape(len(components), -1)).reshape(components.shape[1:])
 
 
 def _contract(small: np.ndarray, rows: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

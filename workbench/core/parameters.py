@@ -56,9 +56,9 @@ class Parameters:
         table = tuple(table)
         keys = [parameter.key for parameter in table]
         if len(set(keys)) != len(keys):
-            twice = sorted({key for key in keys if keys.count(key) > 1})
+            duplicates = sorted({key for key in keys if keys.count(key) > 1})
             raise InputError(
-                f"two parameters are called {twice[0]}: list an effect at one place once"
+                f"two parameters are called {duplicates[0]}: list an effect at one place once"
             )
         values = np.array([parameter.null for parameter in table], dtype=float)
         return cls(table, values, np.zeros(len(table), bool))
@@ -140,8 +140,8 @@ class Parameters:
         Parameters that multiply an effect (a mass that acts only through a compliance) have a derivative only then.
         """
         effect = np.array([key.count(".") > 1 for key in self.keys], bool)
-        still = self.mask & effect & (self.values == self.nulls)
-        return replace(self, values=np.where(still, self.nulls + self.typical / 3, self.values))
+        is_null = self.mask & effect & (self.values == self.nulls)
+        return replace(self, values=np.where(is_null, self.nulls + self.typical / 3, self.values))
 
     def take_over(self, other: "Parameters") -> "Parameters":
         """Values and mask of `other` for the keys that both have."""

@@ -71,7 +71,7 @@ def find_start(
     )
     promising = np.argsort(cost, kind="stable")[:best]
     bottoms, costs = _descend(values[promising], circles, flange, radius, steps)
-    others = [other for x, other in zip(bottoms, costs) if _elsewhere(x, bottoms[0])]
+    others = [other for x, other in zip(bottoms, costs) if _is_other_minimum(x, bottoms[0])]
     second = min(others, default=np.inf)
     rms, second_rms = np.sqrt(np.array([costs[0], second]) / circles.size)
     return Start(bottoms[0], float(rms), float(second_rms))
@@ -89,15 +89,15 @@ def _linear(circles, flange, radius):
 
     With the rotation X: x = X_x . (R'(c - p) - t) and the same for z: linear in c and t.
     """
-    back = np.swapaxes(flange[:, :3, :3], 1, 2)
-    home = (back @ flange[:, :3, 3, None])[..., 0]  # R' p
+    inverse_rotation = np.swapaxes(flange[:, :3, :3], 1, 2)
+    home = (inverse_rotation @ flange[:, :3, 3, None])[..., 0]  # R' p
     axes = start_rotations()[:, :, [0, 2]].transpose(
         0, 2, 1
     )  # (S, 2, 3) the plane's axes in the flange
     rows = np.concatenate(
         [
             np.broadcast_to(-axes[:, None], (len(axes), len(flange), 2, 3)),
-            np.einsum("saj,pjk->spak", axes, back),
+            np.einsum("saj,pjk->spak", axes, inverse_rotation),
         ],
         -1,
     )
@@ -166,11 +166,11 @@ def _move(values, circles, flange, radius, damping, scale):
     """(S, F) scaled Levenberg-Marquardt steps at values (S, 10)."""
     slope = _slope(values, circles, flange, radius)[..., : len(scale)] * scale
     slope = slope.reshape(len(values), -1, len(scale))
-    off = _residual(values, circles, flange, radius).reshape(len(values), -1)
+    deviation = _residual(values, circles, flange, radius).reshape(len(values), -1)
     normal = slope.transpose(0, 2, 1) @ slope
     size = np.maximum(np.einsum("sii->si", normal), 1e-9)
     normal = normal + damping[:, None, None] * np.eye(len(scale)) * size[:, None, :]
-    gradient = np.einsum("snf,sn->sf", slope, off)
+    gradient = np.einsum("snf,sn->sf", slope, deviation)
     return -np.linalg.solve(normal, gradient[..., None])[..., 0]
 
 
@@ -184,10 +184,10 @@ def _slope(values, circles, flange, radius):
     in_flange = np.einsum("pij,spj->spi", flange_inverse, from_flange)
     centre = (in_flange - sensor_place) @ rotation
     slope = np.zeros((len(values), len(flange), 3, 10))
-    back = np.swapaxes(rotation, 1, 2)
-    slope[..., :3] = -back[:, None]
+    inverse_rotation = np.swapaxes(rotation, 1, 2)
+    slope[..., :3] = -inverse_rotation[:, None]
     slope[..., 3:6] = skew(centre) @ left_jacobian(-sensor_rotation)[:, None]
-    slope[..., 6:9] = back[:, None] @ flange_inverse
+    slope[..., 6:9] = inverse_rotation[:, None] @ flange_inverse
     # y, out of the profile's plane, enters by the radius of the circle that the plane cuts
     size = values[:, 9:] if radius is None else radius
     y = centre[..., 1]
@@ -196,10 +196,10 @@ def _slope(values, circles, flange, radius):
     return slope[:, :, [0, 2, 1]].transpose(0, 2, 1, 3)
 
 
-def _elsewhere(values, top):
+def _is_other_minimum(values, top):
     """Whether this is another hand-eye and not the same valley: another rotation by more than a degree."""
-    between = rotation_matrix(values[3:6]).T @ rotation_matrix(top[3:6])
-    return np.linalg.norm(rotation_vector(between)) > 0.02
+    difference = rotation_matrix(values[3:6]).T @ rotation_matrix(top[3:6])
+    return np.linalg.norm(rotation_vector(difference)) > 0.02
 
 
 def algebraic_circles(flat: np.ndarray, label: np.ndarray, count: int) -> np.ndarray:
@@ -236,10 +236,12 @@ def signed_centres(
     T_base_flange; radii (K,) of the balls, mm. The circle says |y| of the centre, the hand-eye of the ball that most
     profiles show says its sign; other balls then need three profiles. is_quick: fewer valleys and steps.
     """
-    most = np.bincount(label, minlength=len(radii)).argmax()
-    mine = label == most
+    largest_label = np.bincount(label, minlength=len(radii)).argmax()
+    is_largest = label == largest_label
     effort = _QUICK if is_quick else {}
-    start = find_start(circles[:, mine], flange[mine], float(radii[most]), **effort)
+    start = find_start(
+        circles[:, is_largest], flange[is_largest], float(radii[largest_label]), **effort
+    )
     rotation, place = rotation_matrix(start.values[3:6]), start.values[:3]
     sensor_rotation = flange[:, :3, :3] @ rotation
     sensor_place = flange[:, :3, :3] @ place + flange[:, :3, 3]

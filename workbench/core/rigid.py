@@ -48,10 +48,10 @@ def unit_quaternion(matrix: np.ndarray) -> np.ndarray:
         j = (i + 1) % 3
         k = (i + 2) % 3
         table[..., i + 1, i + 1] = 1 + 2 * diagonal[..., i] - trace
-        odd = matrix[..., k, j] - matrix[..., j, k]
-        even = matrix[..., k, j] + matrix[..., j, k]
-        table[..., 0, i + 1] = table[..., i + 1, 0] = odd
-        table[..., j + 1, k + 1] = table[..., k + 1, j + 1] = even
+        antisymmetric = matrix[..., k, j] - matrix[..., j, k]
+        symmetric = matrix[..., k, j] + matrix[..., j, k]
+        table[..., 0, i + 1] = table[..., i + 1, 0] = antisymmetric
+        table[..., j + 1, k + 1] = table[..., k + 1, j + 1] = symmetric
     largest = np.diagonal(table, axis1=-2, axis2=-1).argmax(-1)
     row = np.take_along_axis(table, largest[..., None, None], -2)[..., 0, :]
     row = row / np.linalg.norm(row, axis=-1, keepdims=True)

@@ -164,8 +164,10 @@ class Solution:
         """Keys of free parameters that have an estimate of their own."""
         if self.redundancy <= 0:
             return frozenset()
-        mine = zip(self.single.known.keys, self.single.determined & self.single.free)
-        return frozenset(key for key, is_determined in mine if is_determined) | self.shrunk
+        determined_keys = zip(self.single.known.keys, self.single.determined & self.single.free)
+        return (
+            frozenset(key for key, is_determined in determined_keys if is_determined) | self.shrunk
+        )
 
     @cached_property
     def marginal_std(self) -> dict[str, float]:

@@ -14,7 +14,7 @@ def switched_off(
     terms: the names of each term, such as ("joint-3.unknown", "joint-3.smooth-function"). where: what to call the
     model in an error sentence. Raises InputError for a pattern that no term matches.
     """
-    off = [False] * len(terms)
+    is_off = [False] * len(terms)
     for pattern in patterns:
         hits = [any(fnmatchcase(name, pattern) for name in names) for names in terms]
         if not any(hits):
@@ -23,8 +23,8 @@ def switched_off(
             raise InputError(
                 f"--without {pattern}: expected a term of {where}, found none of that name; {known}"
             )
-        off = [hit_of_kind or hit for hit_of_kind, hit in zip(off, hits)]
-    return off
+        is_off = [hit_of_kind or hit for hit_of_kind, hit in zip(is_off, hits)]
+    return is_off
 
 
 def term_names(effect: str, where: str, name: str) -> tuple[str, ...]:

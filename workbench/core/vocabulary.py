@@ -20,7 +20,7 @@ _NUMBERED = {
     "current": "joint",
     "moment": "link",
 }
-_AT = re.compile(rf"({'|'.join(_NUMBERED)})(\d+)(?:_(\w+))?")
+_PLACE = re.compile(rf"({'|'.join(_NUMBERED)})(\d+)(?:_(\w+))?")
 _VECTOR = re.compile(r"(moment|down|seen)(\d*)_([xyz])")
 _TEMPERATURE = re.compile(r"temperature(?:_(\w+))?_c")
 _ACCELERATION = re.compile(r"accel_(\w+)_([xyz])_m_s2")
@@ -83,7 +83,7 @@ def _read(name: str) -> Covariate:
     if found := _VECTOR.fullmatch(name):
         place = Place("link", int(found[2])) if found[2] else None
         return Covariate(found[1], place, component=found[3])
-    if found := _AT.fullmatch(name):
+    if found := _PLACE.fullmatch(name):
         return Covariate(found[1], Place(_NUMBERED[found[1]], int(found[2])), found[3] or "")
     if found := _TEMPERATURE.fullmatch(name):
         return Covariate("temperature", _part(found[1]), "c")

@@ -77,7 +77,7 @@ NO_MASSES = (
     "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
 _LONG_S = 1.0  # a search beyond which processes are worth their start
-Say = Callable[[str], None]
+ReportProgress = Callable[[str], None]
 
 
 def diagnose(
@@ -86,8 +86,8 @@ def diagnose(
     baseline: str = "geometry",
     simulation: Path | None = None,
     solution: Path | None = None,
-    progress: Say = lambda text: None,
-    first: Say = lambda text: None,
+    progress: ReportProgress = lambda text: None,
+    first: ReportProgress = lambda text: None,
     provisional: Callable[[dict], None] = lambda result: None,
     jobs: int = 1,
     trust_data: bool = False,
@@ -100,26 +100,26 @@ def diagnose(
     inside folds, where one search takes long enough. trust_data: diagnose also a recording that cannot be right.
     Raises InputError.
     """
-    say = _Reporter(progress, first, provisional)
+    report = _Reporter(progress, first, provisional)
     if recording.measures in IMAGES:
-        return _of_sensor(recording, simulation or solution, say)
+        return _of_sensor(recording, simulation or solution, report)
     reference = references.reference_of(simulation, solution, recording.robot)
     if reference is not None:
         recording = numbered_as(recording, reference.group_names)
-    say("the baseline")
+    report("the baseline")
     bench = bench_of(recording, baseline, trust_data)
     shares = None
     # a scan of a ball is one sample for the reference, too
     compared = bench.recording if bench.recording.measures == BALL_SCAN else recording
     if reference is not None:
-        bench, shares = _against(bench, reference, compared)
+        bench, shares = _bench_of_reference(bench, reference, compared)
         baseline = reference.name
-    diagnosis = _whole(recording, bench, baseline, shares, say, jobs)
+    diagnosis = _diagnose_bench(recording, bench, baseline, shares, report, jobs)
     diagnosis = replace(diagnosis, given=bench.baseline)
     return diagnosis if reference is None else with_differences(diagnosis, reference, compared)
 
 
-def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
+def _of_sensor(recording, reference, report: "_Reporter") -> Diagnosis:
     from workbench.diagnosis.scanner import sensor
 
     if reference is not None:
@@ -127,15 +127,18 @@ def _of_sensor(recording, reference, say: "_Reporter") -> Diagnosis:
             f"recording '{recording.name}': --simulation and --solution expect a recording of an arm, found images; "
             "leave the option out."
         )
-    bench = sensor.bench_of(recording, say)
-    diagnosis = _whole(recording, bench, "camera, mirror and poses", None, say)
-    return with_turntable(diagnosis, recording, say)
+    bench = sensor.bench_of(recording, report)
+    diagnosis = _diagnose_bench(recording, bench, "camera, mirror and poses", None, report)
+    return with_turntable(diagnosis, recording, report)
 
 
-def _against(bench: RobotBench, reference: references.Reference, recording):
+def _bench_of_reference(bench: RobotBench, reference: references.Reference, recording):
     """The bench whose baseline holds the reference's effects, and the three shares of the difference."""
     model, values = references.bound(reference, recording)
-    effects = (*(e for e in bench.baseline if not _held(e, reference.effects)), *reference.effects)
+    effects = (
+        *(e for e in bench.baseline if not _contains(e, reference.effects)),
+        *reference.effects,
+    )
     chain = replace(
         model.chain, state=replace(model.chain.state, covariates=bench.chain.state.covariates)
     )
@@ -150,7 +153,7 @@ def _against(bench: RobotBench, reference: references.Reference, recording):
     return wider, references.shares(model, values, noise_of, reference.name)
 
 
-def _held(effect, others) -> bool:
+def _contains(effect, others) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
 
 
@@ -158,19 +161,19 @@ def _held(effect, others) -> bool:
 class _Reporter:
     """Called with what is done; `first`, `provisional`: called with what the first search found, see `diagnose`."""
 
-    progress: Say
-    first: Say
+    progress: ReportProgress
+    first: ReportProgress
     provisional: Callable[[dict], None]
 
     def __call__(self, text: str) -> None:
         self.progress(text)
 
 
-def _whole(
-    recording, bench: Bench, baseline: str, shares, say: _Reporter, jobs: int = 1
+def _diagnose_bench(
+    recording, bench: Bench, baseline: str, shares, report: _Reporter, jobs: int = 1
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
-    bench, found, (terms, refused, proved) = _found_and_proved(bench, say, jobs)
+    bench, found, (terms, refused, proved) = _found_and_proved(bench, report, jobs)
     last, correlation = _final_model(bench, found, terms)
     found, proved = last.found, last.with_noise(proved)
     terms = _with_noise(last, terms, refused)
@@ -179,9 +182,9 @@ def _whole(
     verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:
         terms = (*terms, *_unknowns(last, terms, refused))
-    say("what these data could have shown")
-    visible = _visible(bench, found)
-    say("the next experiment")
+    report("what these data could have shown")
+    detectable = _detectable_biases(bench, found)
+    report("the next experiment")
     by_kind, balls = _for_sensor(bench, recording, proved, terms, ~found.outliers)
     diagnosis = Diagnosis(
         recording=recording.name,
@@ -196,7 +199,7 @@ def _whole(
         located=found.located,
         remainder=found.remainder,
         proof=replace(proved, lack=last.lack()),
-        visible=visible,
+        detectable=detectable,
         experiment=_experiment(bench, last, terms, refused, correlation),
         found=found,
         views=last.views(),
@@ -237,8 +240,8 @@ def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
     sentences = []
     for term in (*diagnosis.terms, *diagnosis.refused):
         text = statements.statement(term, point, diagnosis.unit)
-        own = _own_samples(last.bench.chain, term)
-        sentences.append(statements.with_sample_numbers(text, order[own], last.ids[own]))
+        samples = _own_samples(last.bench.chain, term)
+        sentences.append(statements.with_sample_numbers(text, order[samples], last.ids[samples]))
     planned = statements.instants_in_brackets(diagnosis.experiment.sentence, order, last.ids)
     experiment = replace(diagnosis.experiment, sentence=planned)
     return with_statements(replace(diagnosis, experiment=experiment), sentences)
@@ -263,7 +266,7 @@ def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelat
     return FinalModel(bench, fresh, bench.unit, terms), correlation
 
 
-def _visible(bench: Bench, found: Found) -> tuple:
+def _detectable_biases(bench: Bench, found: Found) -> tuple:
     """The smallest sizes that these data, as far as they are tested, would have shown."""
     problem = found.before
     if not problem.candidates:  # a large recording keeps no table of all its samples
@@ -361,31 +364,30 @@ def _warnings(last: FinalModel, recording, terms=(), correlation=None) -> tuple[
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
 
-def _found_and_proved(bench: Bench, say: _Reporter, jobs: int):
+def _found_and_proved(bench: Bench, report: _Reporter, jobs: int):
     """The bench as of `_searched`, what the search finds on it, and what is proved of that, as of `_proved`."""
     with proof.fold_searches(found_terms, jobs) as searches:
-        bench, found = _searched(bench, say, searches)
+        bench, found = _searched(bench, report, searches)
         noise = FinalModel(bench, found, bench.unit).noise
-        return bench, found, _proved(bench, found, noise, say, searches)
+        return bench, found, _proved(bench, found, noise, report, searches)
 
 
-def _searched(bench: Bench, say: _Reporter, searches: FoldSearches) -> tuple[Bench, Found]:
+def _searched(bench: Bench, report: _Reporter, searches: FoldSearches) -> tuple[Bench, Found]:
     """The bench, with jitter where images have some, and what the first search finds on it.
 
-    searches: those of its repetitions, for which processes are used only where the search takes long. The first ones
-    begin as soon as something is found and the search has taken so long.
+    searches: those of its repetitions, with processes where the search takes long: then from the first finding on.
     """
     start, is_found = time.perf_counter(), False
-    report = elapsed(say, LEAST_FOLDS)
+    step = elapsed(report, LEAST_FOLDS)
 
     def announce(terms):
         nonlocal is_found
         is_found = True
-        say.first(statements.first_terms(terms))
-        say.provisional(statements.provisional_keys(statements.first_terms(terms), terms))
+        report.first(statements.first_terms(terms))
+        report.provisional(statements.provisional_keys(statements.first_terms(terms), terms))
 
     def progress(line):
-        report(line)
+        step(line)
         is_last = bench.chain is not None and bench.roots_of_points is None
         if is_found and is_last and time.perf_counter() - start > _LONG_S:
             _start_folds(bench, searches)
@@ -393,15 +395,15 @@ def _searched(bench: Bench, say: _Reporter, searches: FoldSearches) -> tuple[Ben
     bench, found = with_random_errors(
         bench, lambda sampled: find(sampled, progress=progress, first=announce)
     )
-    say.first(statements.preliminary(found))
-    say.provisional(statements.provisional_keys(statements.preliminary(found), found.findings))
+    report.first(statements.preliminary(found))
+    report.provisional(statements.provisional_keys(statements.preliminary(found), found.findings))
     used_seconds = time.perf_counter() - start
     searches.jobs = searches.jobs if used_seconds > _LONG_S else 1
     if found.findings:
         counts = [len(scheme.folds) for scheme in schemes(bench.pose, found.before)]
         blocks = max(counts) if is_large(found.findings, bench) else sum(counts)
         remaining_time = duration(used_seconds * blocks / searches.jobs)
-        say(
+        report(
             f"the whole search is repeated without each of {blocks} blocks, about {remaining_time} left"
         )
     return bench, found
@@ -415,9 +417,9 @@ def _start_folds(bench: Bench, searches: FoldSearches) -> None:
     searches.start(bench, proof.samples_of_folds(parts))
 
 
-def _proved(bench, found: Found, noise, say, searches: FoldSearches):
+def _proved(bench, found: Found, noise, report, searches: FoldSearches):
     """Terms that stay, terms refused, and the proof; both kinds with parameters and size."""
-    proved, retained, refused = proof.prove(bench, found, found_terms, noise, say, searches)
+    proved, retained, refused = proof.prove(bench, found, found_terms, noise, report, searches)
     effects = [e for term in retained for e in term.finding.effects]
     rows = bench.parameters(effects, options=_estimated_options(retained))
     stay = tuple(_with_numbers(bench, term, effects, rows) for term in retained)
@@ -438,13 +440,19 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     if rows is None:
         rows = bench.parameters(list(effects), options=_estimated_options([term]))
     effects_of_term = {(e.effect, e.where) for e in term.finding.effects}
-    mine = [r for r in rows if (r["effect"], r["where"]) in effects_of_term and _of(r, term, bench)]
-    mine = with_variation(mine, term.finding.variation)
-    varying = [row["size_mm"] for row in mine if row["name"] == DEFLECTION]
+    term_rows = [
+        r
+        for r in rows
+        if (r["effect"], r["where"]) in effects_of_term and _belongs_to_term(r, term, bench)
+    ]
+    term_rows = with_variation(term_rows, term.finding.variation)
+    varying = [row["size_mm"] for row in term_rows if row["name"] == DEFLECTION]
     size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
     compliances = _compliances(bench, term)
-    alarms = (*term.finding.alarms, *implausible_values(mine, size, compliances))
-    return replace(term, parameters=mine, size=size, finding=replace(term.finding, alarms=alarms))
+    alarms = (*term.finding.alarms, *implausible_values(term_rows, size, compliances))
+    return replace(
+        term, parameters=term_rows, size=size, finding=replace(term.finding, alarms=alarms)
+    )
 
 
 def _compliances(bench, term: Term) -> set[str]:
@@ -453,7 +461,7 @@ def _compliances(bench, term: Term) -> set[str]:
     return {p.key for e in laws for p in e.parameters(bench.chain)[: e.nonnegative]}
 
 
-def _of(row, term: Term, bench) -> bool:
+def _belongs_to_term(row, term: Term, bench) -> bool:
     chain = bench.chain
     key = row.get("first_parameter", row["key"])
     if chain is None or (row.get("derived") and "first_parameter" not in row):
@@ -465,7 +473,7 @@ def _size(bench, effects, term: Term) -> float | None:
     """RMS displacement of the measured point (mm, px) that the term makes by itself, to first order."""
     problem = without_jitter(bench).problem(list(effects), hypotheses=False)
     parameter_places = [
-        i for i, e in enumerate(effects) if any(e is mine for mine in term.finding.effects)
+        i for i, e in enumerate(effects) if any(e is effect for effect in term.finding.effects)
     ]
     if not parameter_places or not problem.added:
         return None

@@ -177,10 +177,14 @@ class FinalModel:
         """(3, J+2) mm: the arm at the pose nearest to the middle of all, root frame."""
         state = self.bench.chain.state
         middle = np.median(state.variables, axis=1, keepdims=True)
-        at = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
+        middle_sample = int(np.argmin(((state.variables - middle) ** 2).sum(0)))
         frames = state.frames
         return np.vstack(
-            [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
+            [
+                frames.pivot[:1, :, middle_sample],
+                frames.origin[:, :, middle_sample],
+                frames.end_origin[None, :, middle_sample],
+            ]
         ).T
 
     def _sensor_views(self) -> Views:

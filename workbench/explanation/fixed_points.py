@@ -18,7 +18,7 @@ from workbench.diagnosis.robot.library import variants
 from workbench.explanation.result import Term
 from workbench.explanation.sentences.words import length, listed
 
-_PART, _LEAST = (
+_PART, _MIN_SAMPLES = (
     0.2,
     10,
 )  # first and last part of the recording that are compared, and rows that each must have
@@ -44,7 +44,7 @@ class FixedPoints:
         """Whether what was found is within three standard errors of what was measured."""
         if self.found is None:
             return None
-        return bool(self._near().all())
+        return bool(self._agrees_by_axis().all())
 
     @property
     def sentence(self) -> str:
@@ -61,15 +61,17 @@ class FixedPoints:
         return f"{sentence}; the drift that was {free} says {found} µm: {self._verdict()}."
 
     def _verdict(self) -> str:
-        off = [name for name, is_within in zip("xyz", self._near()) if not is_within]
-        if not off:
+        deviating = [
+            name for name, is_within in zip("xyz", self._agrees_by_axis()) if not is_within
+        ]
+        if not deviating:
             return "they agree"
         return (
-            f"they disagree in {listed(off)}, where a part of what is called the base's drift is the arm's own, or "
-            "the fixed reflectors' own"
+            f"they disagree in {listed(deviating)}, where a part of what is called the base's drift is the arm's own, "
+            "or the fixed reflectors' own"
         )
 
-    def _near(self) -> np.ndarray:
+    def _agrees_by_axis(self) -> np.ndarray:
         return np.abs(self.found - self.measured) < _SIGMAS * np.hypot(self.std, self.found_std)
 
     def as_json(self) -> dict:
@@ -93,15 +95,15 @@ def _um(values, stds) -> str:
 def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     """Estimate the drift of the base from the rows of a recording that do not move; None where there are too few."""
     fixed = recording.select(~recording.moving)
-    if recording.measures != "external-point" or fixed.n < 2 * _LEAST or bench.chain is None:
+    if recording.measures != "external-point" or fixed.n < 2 * _MIN_SAMPLES or bench.chain is None:
         return None
     labels = recording.poses  # of the whole recording: a selection numbers its own
     time, known = _clock_of(labels[~recording.moving], labels[recording.moving], bench)
-    if known.sum() < 2 * _LEAST:
+    if known.sum() < 2 * _MIN_SAMPLES:
         return None
     low, high = np.quantile(time[known], [_PART, 1 - _PART])
     ends = [known & (time <= low), known & (time >= high)]
-    if min(end.sum() for end in ends) < _LEAST:
+    if min(end.sum() for end in ends) < _MIN_SAMPLES:
         return None
     points = np.stack([fixed.columns[f"{axis}_mm"] for axis in "xyz"]).astype(float)
     ids = np.asarray(fixed.reflector)
@@ -142,15 +144,15 @@ def _predicted(bench, terms, points, time, ends):
     pose = fit.parameters.values[:6]
     rotation = rotation_matrix(pose[3:])
     place = rotation.T @ (points - pose[:3, None])
-    by = sum(
+    displacement = sum(
         sign * _displaced(drift, rotation, place[:, end], time[end]).mean(2)
         for sign, end in zip((-1, 1), ends)
     )
-    every = _covariance(bench, model, fit)
+    full_covariance = _covariance(bench, model, fit)
     free = np.flatnonzero(fit.parameters.mask)
     columns = np.searchsorted(free, np.arange(span.start, span.stop))
-    covariance = by.T @ every[np.ix_(columns, columns)] @ by
-    return fit.parameters.values[span] @ by, np.sqrt(np.maximum(np.diag(covariance), 0))
+    covariance = displacement.T @ full_covariance[np.ix_(columns, columns)] @ displacement
+    return fit.parameters.values[span] @ displacement, np.sqrt(np.maximum(np.diag(covariance), 0))
 
 
 def _is_drift(effect) -> bool:

@@ -65,30 +65,30 @@ def minimal_detectable_biases(
     parameters is as likely as another of the same length in typical sizes: sizes are medians over such directions.
     units: of a candidate's parameters.
     """
-    every = problem.candidates
-    if not every:
+    all_candidates = problem.candidates
+    if not all_candidates:
         return []
-    table = _Table(problem, sigma, every)
-    seen = np.sqrt(_threshold([c.columns.shape[1] for c in every], len(every)))
-    separability, alternative = table.apart()
+    table = _Table(problem, sigma, all_candidates)
+    seen = np.sqrt(_threshold([c.columns.shape[1] for c in all_candidates], len(all_candidates)))
+    separability, alternative = table.separable_lengths()
     return [
-        _row(table, k, seen[k], separability[k], int(alternative[k]), units(every[k]))
-        for k in range(len(every))
+        _row(table, k, seen[k], separability[k], int(alternative[k]), units(all_candidates[k]))
+        for k in range(len(all_candidates))
     ]
 
 
 class _Table:
     """Gram matrices of all candidates' columns, scaled by typical sizes, and directions drawn in them."""
 
-    def __init__(self, problem, sigma, every):
-        self.every = every
-        typical = np.concatenate([c.typical for c in every])
-        columns = np.concatenate([c.columns for c in every], axis=1) * typical
+    def __init__(self, problem, sigma, all_candidates):
+        self.candidates = all_candidates
+        typical = np.concatenate([c.typical for c in all_candidates])
+        columns = np.concatenate([c.columns for c in all_candidates], axis=1) * typical
         orthogonal = problem.orthogonalise(columns)
         self.gram, total = orthogonal.T @ orthogonal, columns.T @ columns
         for table in (columns, orthogonal):  # in place: there are hundreds of megabytes of columns
             table *= sigma[:, None]
-        self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in every])])
+        self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in all_candidates])])
         self.draws = _directions(self.first)
         self.length = self._sizes(self.gram)
         self.raw = self._sizes(columns.T @ columns) / np.sqrt(problem.n)
@@ -100,32 +100,32 @@ class _Table:
 
     def _sizes(self, gram):
         """(C, D) length of each candidate's drawn directions under a Gram matrix."""
-        spread = self._own(gram)
+        spread = self._block_products(gram)
         return np.sqrt(np.maximum(np.add.reduceat(self.draws * spread, self.first[:-1]), 0))
 
-    def _own(self, gram):
+    def _block_products(self, gram):
         """(T, D) the block-diagonal part of a Gram matrix times the draws."""
         out = np.empty_like(self.draws)
         for low, high in zip(self.first, self.first[1:]):
             out[low:high] = gram[low:high, low:high] @ self.draws[low:high]
         return out
 
-    def apart(self):
+    def separable_lengths(self):
         """(C, D) the least length that is left of each candidate when one other takes what it can, and (C,) which."""
-        least = np.full_like(self.length, np.inf)
-        alternative = np.full(len(self.every), -1)
-        middle = np.full(len(self.every), np.inf)
-        for k, other in enumerate(self.every):
+        min_length = np.full_like(self.length, np.inf)
+        alternative = np.full(len(self.candidates), -1)
+        middle = np.full(len(self.candidates), np.inf)
+        for k, other in enumerate(self.candidates):
             remaining_length = np.sqrt(np.maximum(self.length**2 - self._made_by(k), 0))
             share = np.median(remaining_length / np.maximum(self.length, 1e-300), axis=1)
-            share[[i for i, c in enumerate(self.every) if c.family == other.family]] = np.inf
+            share[[i for i, c in enumerate(self.candidates) if c.family == other.family]] = np.inf
             closer = share < middle
-            middle[closer], least[closer], alternative[closer] = (
+            middle[closer], min_length[closer], alternative[closer] = (
                 share[closer],
                 remaining_length[closer],
                 k,
             )
-        return least, alternative
+        return min_length, alternative
 
     def _made_by(self, k):
         """(C, D) squared length of the part of each candidate's directions that candidate k makes at a likely size."""
@@ -135,8 +135,8 @@ class _Table:
         orthonormal = (vectors / length).T
         shared = orthonormal @ self.gram[columns_of_effect]
         drawn = shared[:, :, None] * self.draws
-        parts = np.add.reduceat(drawn, self.first[:-1], axis=1)
-        return (parts**2).sum(0)
+        sums = np.add.reduceat(drawn, self.first[:-1], axis=1)
+        return (sums**2).sum(0)
 
 
 def _directions(first):
@@ -169,7 +169,7 @@ def separable_distance() -> float:
 
 
 def _row(table: _Table, k, seen, separability, alternative, units) -> DetectableBias:
-    candidate = table.every[k]
+    candidate = table.candidates[k]
     orthogonal_share = float(
         np.median(table.length[k] ** 2 / np.maximum(table.whole[k] ** 2, 1e-300))
     )
@@ -177,15 +177,15 @@ def _row(table: _Table, k, seen, separability, alternative, units) -> Detectable
     length = (
         table.length[k] if orthogonal_share > _NOTHING else np.full_like(table.length[k], np.nan)
     )  # nothing is seen of it
-    at = _median(seen / length)
+    median_share = _median(seen / length)
     distinct = separability > _NOTHING * table.length[k]
     ratio = np.divide(
         table.length[k], separability, out=np.full_like(separability, np.inf), where=distinct
     )
-    least = np.maximum(seen, separable_distance() * ratio)
+    smallest = np.maximum(seen, separable_distance() * ratio)
     same = alternative < 0 or np.median(separability / np.maximum(table.length[k], 1e-300)) < 1e-4
-    far = None if same else _median(least / length)
-    other = table.every[alternative] if alternative >= 0 else None
+    separable_size = None if same else _median(smallest / length)
+    other = table.candidates[alternative] if alternative >= 0 else None
     raw, remaining_median, explained_median = (
         float(np.median(size[k])) for size in (table.raw, table.left, table.parameter)
     )
@@ -193,13 +193,13 @@ def _row(table: _Table, k, seen, separability, alternative, units) -> Detectable
         candidate.effect,
         candidate.where,
         candidate.label,
-        None if at is None else at * raw,
-        None if at is None else at * remaining_median,
+        None if median_share is None else median_share * raw,
+        None if median_share is None else median_share * remaining_median,
         orthogonal_share,
-        None if at is None or not unit else at * explained_median,
+        None if median_share is None or not unit else median_share * explained_median,
         unit,
-        None if far is None else far * raw,
-        None if far is None or not unit else far * explained_median,
+        None if separable_size is None else separable_size * raw,
+        None if separable_size is None or not unit else separable_size * explained_median,
         other.effect if other else "",
         other.where if other else "",
     )

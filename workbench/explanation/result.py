@@ -20,7 +20,7 @@ CONSISTENT, EXPLAINED, AMBIGUOUS, UNEXPLAINED = (
     "ambiguous",
     "unexplained",
 )
-_REST = 1 / 3
+_MIN_REMAINDER = 1 / 3
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Diagnosis:
     located: tuple[Located, ...]
     remainder: tuple[Located, ...]
     proof: Proof
-    visible: tuple[DetectableBias, ...]
+    detectable: tuple[DetectableBias, ...]
     experiment: Experiment
     found: Found
     views: Views | None = None
@@ -132,7 +132,9 @@ class Diagnosis:
             "ball_centres": None if self.balls is None else dict(self.balls),
             "turntable": self._turntable(),
             "laser_line": self.laser_line and self.laser_line.as_json(),
-            "smallest_visible": [_visible(detectable, self.unit) for detectable in self.visible],
+            "smallest_visible": [
+                _detectable_json(detectable, self.unit) for detectable in self.detectable
+            ],
             "next_experiment": self.experiment.sentence,
             "experiments": [dict(row) for row in self.experiment.rows],
             "refused": [
@@ -197,15 +199,15 @@ def has_unexplained_structure(proof: Proof, p_remainder: float, is_above: bool =
     if p_remainder >= UNMODELLED_LEVEL:
         return False
     before, after = proof.unexplained
-    return is_above or after > _REST * before
+    return is_above or after > _MIN_REMAINDER * before
 
 
 def with_statements(diagnosis: Diagnosis, statements) -> Diagnosis:
     """The diagnosis with a statement for each of its terms, then of those refused."""
     texts = iter(statements)
     fresh = [
-        tuple(replace(term, statement=next(texts)) for term in some)
-        for some in (diagnosis.terms, diagnosis.refused)
+        tuple(replace(term, statement=next(texts)) for term in terms)
+        for terms in (diagnosis.terms, diagnosis.refused)
     ]
     return replace(diagnosis, terms=fresh[0], refused=fresh[1])
 
@@ -337,7 +339,7 @@ def _angles(proof: Proof) -> dict:
     return {"before_deg": before, "after_deg": after}
 
 
-def _visible(detectable: DetectableBias, unit: str) -> dict:
+def _detectable_json(detectable: DetectableBias, unit: str) -> dict:
     return {
         "effect": detectable.effect,
         "where": detectable.where,

@@ -71,10 +71,10 @@ def errors_by_kind(bench, proof: Proof, inliers: np.ndarray) -> list[dict]:
     for name, chain, first, last in zip(
         bench.chains.parts, bench.chains.parts.values(), edges, edges[1:]
     ):
-        mine = np.zeros(bench.n, bool)
-        mine[first:last] = True
-        before, after = (rms(errors, inliers & mine) for errors in proof.errors)
-        square = (bench.sigma[mine] ** 2 + bench.shared_px[mine] ** 2).mean()
+        is_of_kind = np.zeros(bench.n, bool)
+        is_of_kind[first:last] = True
+        before, after = (rms(errors, inliers & is_of_kind) for errors in proof.errors)
+        square = (bench.sigma[is_of_kind] ** 2 + bench.shared_px[is_of_kind] ** 2).mean()
         noise = float(np.sqrt(len(chain.sigma) * square))
         rows.append(
             {"kind": _KINDS[name], "before_px": before, "after_px": after, "noise_px": noise}
@@ -172,7 +172,7 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
 
 def _or_focal_length(jitter: Finding) -> Finding:
     """Jitter next to a random focal length, which may be larger in the images with the laser than on boards."""
-    about = (
+    description = (
         FocusBreathing.effect,
         "camera",
         FOCAL_LENGTH,
@@ -180,7 +180,7 @@ def _or_focal_length(jitter: Finding) -> Finding:
         1.0,
         "displaces whole stripes, too",
     )
-    return replace(jitter, probability=0.5, alternatives=(Alternative(*about),))
+    return replace(jitter, probability=0.5, alternatives=(Alternative(*description),))
 
 
 def line_structure_terms(bench) -> tuple[Term, ...]:
@@ -189,24 +189,43 @@ def line_structure_terms(bench) -> tuple[Term, ...]:
     Where an effect displaces the line, the calibration, which knows none, takes points of it for wrong. An asymmetric
     profile is a ghost line, see `ghost_line_terms`.
     """
-    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.suspect is not GhostLine]
-    blooming = [doubt for doubt in doubts if doubt.suspect is Blooming]
-    others = [_of_doubt(doubt) for doubt in doubts if doubt.suspect is None]
+    suspicions = [
+        suspicion for suspicion in bench.chains.line_doubts if suspicion.suspect is not GhostLine
+    ]
+    blooming = [suspicion for suspicion in suspicions if suspicion.suspect is Blooming]
+    others = [_of_suspicion(suspicion) for suspicion in suspicions if suspicion.suspect is None]
     return (*map(_of_blooming, blooming[:1]), *others)
 
 
-def _of_doubt(doubt) -> Term:
-    about = (doubt.where, LINE_STRUCTURE + doubt.label, (), doubt.p_value, 0.0, 0.0, 0.0)
-    return Term(Finding("unknown", *about, doubt.depends_on), size=doubt.size_px)
+def _of_suspicion(suspicion) -> Term:
+    description = (
+        suspicion.where,
+        LINE_STRUCTURE + suspicion.label,
+        (),
+        suspicion.p_value,
+        0.0,
+        0.0,
+        0.0,
+    )
+    return Term(Finding("unknown", *description, suspicion.depends_on), size=suspicion.size_px)
 
 
-def _of_blooming(doubt) -> Term:
+def _of_blooming(suspicion) -> Term:
     """Blooming that no held-out board pose confirms, since the points that it displaces most were left out."""
-    p_value = max(doubt.p_value, 1e-300)
+    p_value = max(suspicion.p_value, 1e-300)
     other = Alternative("unknown", "camera", "overexposed line", 0.5, 1.0, _SAME_POINTS)
-    about = (Blooming.effect, "camera", LINE_STRUCTURE + doubt.label, (), p_value, 0.5, 0.0, 0.0)
-    finding = Finding(*about, depends_on=doubt.depends_on, alternatives=(other,))
-    return Term(finding, size=doubt.size_px)
+    description = (
+        Blooming.effect,
+        "camera",
+        LINE_STRUCTURE + suspicion.label,
+        (),
+        p_value,
+        0.5,
+        0.0,
+        0.0,
+    )
+    finding = Finding(*description, depends_on=suspicion.depends_on, alternatives=(other,))
+    return Term(finding, size=suspicion.size_px)
 
 
 def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
@@ -215,8 +234,10 @@ def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
     A beam that is itself asymmetric makes nearly the same profile: it is the alternative.
     """
     second = bench.chains.second_line
-    doubts = [doubt for doubt in bench.chains.line_doubts if doubt.suspect is GhostLine]
-    if second is None or not doubts or any(isinstance(e, Blooming) for e in effects):
+    suspicions = [
+        suspicion for suspicion in bench.chains.line_doubts if suspicion.suspect is GhostLine
+    ]
+    if second is None or not suspicions or any(isinstance(e, Blooming) for e in effects):
         return ()
     ghost = GhostLine("laser")
     scale = float(np.median(bench.chains.board_stripes.gain))  # mm along the normal of the plane
@@ -250,8 +271,17 @@ def ghost_line_terms(bench, effects: Sequence[Effect]) -> tuple[Term, ...]:
         "unknown", "laser", "an asymmetric beam", 1 - second.probability, 1.0, _SAME_PROFILE
     )
     others = (beam,) if second.probability < CONFIDENCE else ()
-    about = (ghost.effect, "laser", "", (), doubts[0].p_value, second.probability, 0.0, 0.0)
-    finding = Finding(*about, depends_on=doubts[0].depends_on, alternatives=others)
+    description = (
+        ghost.effect,
+        "laser",
+        "",
+        (),
+        suspicions[0].p_value,
+        second.probability,
+        0.0,
+        0.0,
+    )
+    finding = Finding(*description, depends_on=suspicions[0].depends_on, alternatives=others)
     return (Term(finding, rows, abs(second.shift_px)),)
 
 

@@ -10,7 +10,7 @@ from workbench.explanation.comparison.reference import Reference, bound
 from workbench.explanation.result import Step, Term
 from workbench.fitting.calibration_plans.plans import frames_of
 
-_MOST = 12  # terms that join one at a time; the rest of a longer list joins at once
+_MAX_SINGLE_STEPS = 12  # terms that join one at a time; the rest of a longer list joins at once
 
 
 def steps_of_terms(
@@ -28,7 +28,7 @@ def steps_of_terms(
         effects += term.finding.effects
         if number == len(moving):
             steps.append(Step(f"+ {term.title}", residuals(after)[:3]))
-        elif number < _MOST:
+        elif number < _MAX_SINGLE_STEPS:
             problem = bench.problem(list(effects), hypotheses=False)
             steps.append(Step(f"+ {term.title}", residuals(problem)[:3]))
     return tuple(steps)

@@ -71,28 +71,28 @@ def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     ]
     if not places:
         return (Term(_of_refused(found, refused, bool(terms)), remainder=bool(terms)),)
-    at = places[0]
-    label = "a smooth function of " + " and ".join(at.depends_on)
+    most_probable = places[0]
+    label = "a smooth function of " + " and ".join(most_probable.depends_on)
     unknown = Finding(
         "unknown",
-        at.where,
+        most_probable.where,
         label,
         (),
-        at.p_value,
+        most_probable.p_value,
         0.0,
-        at.size,
+        most_probable.size,
         0.0,
-        at.depends_on,
-        (*_refused_there(refused, at), *unrecorded(problem, at)),
+        most_probable.depends_on,
+        (*_refused_at_place(refused, most_probable), *unrecorded(problem, most_probable)),
     )
-    return (Term(unknown, share=at.share, remainder=bool(terms)),)
+    return (Term(unknown, share=most_probable.share, remainder=bool(terms)),)
 
 
-def _refused_there(refused, at) -> tuple[Alternative, ...]:
+def _refused_at_place(refused, located) -> tuple[Alternative, ...]:
     """Named effects of the first search at a place that cross-validation refused, the most probable first."""
     named = [term.finding for term in refused if term.finding.effects]
-    there = [
-        finding for finding in named if finding.where == at.where and finding.p_value < _PLACED
+    refused_here = [
+        finding for finding in named if finding.where == located.where and finding.p_value < _PLACED
     ]
     return tuple(
         Alternative(
@@ -103,7 +103,7 @@ def _refused_there(refused, at) -> tuple[Alternative, ...]:
             1.0,
             statements.UNCONFIRMED,
         )
-        for finding in sorted(there, key=lambda finding: -finding.probability)
+        for finding in sorted(refused_here, key=lambda finding: -finding.probability)
     )
 
 
@@ -121,8 +121,8 @@ def _likely(refused) -> tuple[Alternative, ...]:
     if not named:
         return ()
     finding = max(named, key=lambda finding: finding.gain)
-    about = (finding.effect, finding.where, finding.label, finding.probability, 1.0)
-    return (Alternative(*about, statements.UNCONFIRMED),)
+    description = (finding.effect, finding.where, finding.label, finding.probability, 1.0)
+    return (Alternative(*description, statements.UNCONFIRMED),)
 
 
 __all__ = [

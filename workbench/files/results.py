@@ -31,7 +31,7 @@ class StageResult:
     held_out_rotation_rms_deg: float | None = None
 
 
-ESTIMATED, NOT_IDENTIFIABLE, HELD, AT_ZERO = "estimated", "not identifiable", "held", "at zero"
+ESTIMATED, NOT_IDENTIFIABLE, FIXED, AT_ZERO = "estimated", "not identifiable", "held", "at zero"
 """Values of `status` of a parameter in the JSON."""
 _WITHOUT_NOMINAL = ("base", "tool", "sensor", "artefact")
 
@@ -63,8 +63,8 @@ def parameter_rows(solution) -> list[dict]:
     for p, value, free in zip(
         parameters.table, parameters.values.tolist(), parameters.mask.tolist()
     ):
-        judged = std.get(p.key), p.key in is_determined, p.key in known
-        row = _row(p, value, free, judged, tied.get(p.key, []))
+        determination = std.get(p.key), p.key in is_determined, p.key in known
+        row = _row(p, value, free, determination, tied.get(p.key, []))
         rows.append(row | _AT_ZERO if p.key in solution.at_zero else row)
     return rows
 
@@ -79,10 +79,10 @@ def _standard_deviations(solution) -> dict[str, float]:
     }
 
 
-def _row(parameter, value, free, judged, others):
+def _row(parameter, value, free, determination, others):
     """judged: (std or None, whether determined by itself, whether any stage asks about it)."""
     where, _, name = parameter.key.partition(".")
-    std, determined, is_asked = judged
+    std, determined, is_asked = determination
     is_determined = bool(free and determined and std is not None)
     return {
         "name": name,
@@ -105,7 +105,7 @@ def _row(parameter, value, free, judged, others):
 def _status(free: bool, is_determined: bool, others: list[str]) -> str:
     if is_determined:
         return ESTIMATED
-    return NOT_IDENTIFIABLE if free or others else HELD
+    return NOT_IDENTIFIABLE if free or others else FIXED
 
 
 def _deviation(where: str, name: str, value: float, nominal: float) -> float | None:

@@ -148,7 +148,7 @@ def _named(out: Path) -> Run:
     path = out.expanduser().resolve()
     if path.exists() and not path.is_dir():
         raise InputError(f"{out} is a file, where --out expects a folder; name a new folder.")
-    if path.is_dir() and any(not _is_provisional(inside) for inside in path.iterdir()):
+    if path.is_dir() and any(not _is_provisional(entry) for entry in path.iterdir()):
         raise InputError(
             f"{out} contains files. To protect them, --out expects a new or empty folder; name another folder."
         )

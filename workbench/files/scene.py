@@ -95,8 +95,8 @@ def read_scene(path: Path) -> Scene:
     except ValidationError as problem:
         first = problem.errors()[0]
         key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
-        what = first["msg"].removeprefix("Value error, ")
-        what = what[0].lower() + what[1:]
+        message = first["msg"].removeprefix("Value error, ")
+        message = message[0].lower() + message[1:]
         raise InputError(
-            f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it"
+            f"scene {path}, key {key}: {message}, found {first['input']!r}; correct or remove it"
         ) from None

@@ -116,7 +116,7 @@ def solution_keys(calibration, noise=None) -> dict:
         "noise": _noise_keys(noise),
         "replicate_noise_rms_mm": noise.replicates_rms,
         "discrepancy_rms_mm": noise.discrepancy_rms,
-        "warnings": [*calibration.doubts, *noise.alarms],
+        "warnings": [*calibration.suspicions, *noise.alarms],
         "outcome": solution.outcome,
         "undetermined": list(solution.null_sentences),
         "provenance": dict(calibration.provenance),
@@ -364,8 +364,8 @@ def without_terms(arm: CalibratedArm, patterns: Sequence[str], where: str) -> Ca
     if not patterns:
         return arm
     names = [term_names(effect.effect, effect.where, name_of(effect)) for effect in arm.effects]
-    off = switched_off(names, patterns, where)
-    return replace(arm, effects=tuple(e for e, is_off in zip(arm.effects, off) if not is_off))
+    disabled = switched_off(names, patterns, where)
+    return replace(arm, effects=tuple(e for e, is_off in zip(arm.effects, disabled) if not is_off))
 
 
 def _geometry_keys(robot: Robot) -> list[str]:

@@ -66,11 +66,11 @@ class Spool(Sequence):
         return pickle.load(self._file)
 
 
-class Parts(Mapping):
+class JoinedMapping(Mapping):
     """A long mapping made of many small ones, in the order in which they come; no key is in two of them."""
 
-    def __init__(self, parts: Sequence[Mapping[str, Any]]):
-        self._parts = parts
+    def __init__(self, mappings: Sequence[Mapping[str, Any]]):
+        self._parts = mappings
 
     def __len__(self) -> int:
         return sum(len(part) for part in self._parts)

@@ -54,8 +54,8 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     path = Path(path)
     stated = None if mapping is None else read_mapping(mapping)
     tables = read_targets(path, sliding(robot).tolist(), stated)
-    parts = [_programme(path, table, robot) for table in tables]
-    programme = parts[0] if len(parts) == 1 else _joined(*parts, robot)
+    programmes = [_programme(path, table, robot) for table in tables]
+    programme = programmes[0] if len(programmes) == 1 else _joined(*programmes, robot)
     return programme if stated is None else replace(programme, controller=stated.controller)
 
 
@@ -196,7 +196,7 @@ def _numbers(joints) -> set[str]:
     return {name.partition("_")[0] for name in joints}
 
 
-def doubts(programme: Programme, robot: Robot) -> list[str]:
+def target_warnings(programme: Programme, robot: Robot) -> list[str]:
     """Warnings about targets that are possible but suspicious, and configuration data that are not read."""
     called = programme.table.called
     revolute = np.rad2deg(programme.readings[:, ~sliding(robot)])

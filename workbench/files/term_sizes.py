@@ -19,15 +19,15 @@ def term_sizes(model: Model, parameters: Parameters, name_of) -> list[dict]:
     """
     samples = model.chain.n // model.chain.poses_per_sample
     step = -(-samples // _MOST_SAMPLES)
-    some = model.at(np.arange(0, samples, step))
-    predicted = some.residual(parameters)[:3]
-    frames = _frame_rows(some, parameters)
+    thinned = model.at(np.arange(0, samples, step))
+    predicted = thinned.residual(parameters)[:3]
+    frames = _frame_rows(thinned, parameters)
     rows = []
-    for effect, span in zip(some.effects, some.spans):
+    for effect, span in zip(thinned.effects, thinned.spans):
         values = parameters.values.copy()
         values[span] = parameters.nulls[span]
         change = (
-            predicted - some.residual(Parameters(parameters.table, values, parameters.mask))[:3]
+            predicted - thinned.residual(Parameters(parameters.table, values, parameters.mask))[:3]
         ).T
         left = change.ravel() - frames @ least_squares(frames, change.ravel())
         size = float(np.sqrt((left.reshape(change.shape) ** 2).sum(1).mean()))

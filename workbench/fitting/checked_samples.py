@@ -32,7 +32,7 @@ _JUMP_SLACK = 3.0
 class CheckedSamples:
     """A robot and the moving rows of a recording, n samples.
 
-    `doubts`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
+    `suspicions`: sentences on what may be wrong with the recording as a whole, for which a solution is not used
     without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
     rows had to say. `far_geometry`: those of the doubts that say that the arm is another one than the robot file
     describes, for the verdict. `jumps`: of those of the doubts that say that something moved between two samples, the
@@ -41,17 +41,18 @@ class CheckedSamples:
 
     robot: Robot
     recording: Recording
-    doubts: tuple[str, ...]
+    suspicions: tuple[str, ...]
     far_geometry: str = ""
     jumps: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
-    def doubts_about(self, model: Model) -> tuple[str, ...]:
+    def warnings_about(self, model: Model) -> tuple[str, ...]:
         """The doubts that remain with a model: not those about a jump that one of its effects makes."""
         instants = [e.options["after"] for e in model.effects if e.options.get("after") is not None]
         return tuple(
-            doubt
-            for doubt in self.doubts
-            if doubt not in self.jumps or not self._begins_there(self.jumps[doubt], instants)
+            suspicion
+            for suspicion in self.suspicions
+            if suspicion not in self.jumps
+            or not self._begins_there(self.jumps[suspicion], instants)
         )
 
     def _begins_there(self, jump: tuple[int, int], instants: Sequence[float]) -> bool:
@@ -64,7 +65,7 @@ class CheckedSamples:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        return (*self.recording.warnings, *self.doubts)
+        return (*self.recording.warnings, *self.suspicions)
 
 
 def check_samples(
@@ -87,7 +88,7 @@ def check_samples(
     if ambiguity is not None:
         samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
-    suspicions, far, jumps = [], [], {}
+    suspicions, far_geometries, jumps = [], [], {}
     for suspicion in check_plausibility(robot, fitted):
         if suspicion.robot_keys and not trust_data:
             robot, samples = _with_keys(samples, suspicion)
@@ -95,15 +96,17 @@ def check_samples(
         if suspicion.certain and not trust_data:
             raise InputError(naming_option(suspicion.sentence))
         if suspicion.cause in (CAUSE, OTHER_ROBOT):
-            far.append(suspicion.sentence)
+            far_geometries.append(suspicion.sentence)
         if suspicion.cause in _HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
             continue
-        said = accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
-        suspicions.append(said)
+        sentence = (
+            accepted_by_option(suspicion.sentence) if suspicion.certain else suspicion.sentence
+        )
+        suspicions.append(sentence)
         if suspicion.instant is not None:
-            jumps[said] = suspicion.instant
-    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far), jumps)
+            jumps[sentence] = suspicion.instant
+    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far_geometries), jumps)
 
 
 def _with_keys(samples: Recording, suspicion: Suspicion) -> tuple[Robot, Recording]:

@@ -116,8 +116,8 @@ class HeldOut:
 
     def _squares_by_kind(self) -> list[np.ndarray]:
         """(n,) squared distances, mm^2, and (n,) squared angles, rad^2, where orientation is measured."""
-        parts = [self.position, self.rotation]
-        return [(part**2).sum(0) for part in parts if len(part)]
+        errors = [self.position, self.rotation]
+        return [(part**2).sum(0) for part in errors if len(part)]
 
     def _noise_squares(self) -> list[float]:
         """Noise level of each kind, mm^2 and rad^2: the mean square error or, if larger, the stated one.
@@ -125,11 +125,11 @@ class HeldOut:
         Changes far below the stated noise are no evidence for or against a model.
         """
         levels = []
-        for rows, squares, least in zip(
+        for rows, squares, rounding in zip(
             (slice(0, 3), slice(3, None)), self._squares_by_kind(), _ROUNDING
         ):
             stated = 0.0 if self.sigma is None else float((self.sigma[rows] ** 2).sum(0).mean())
-            levels.append(max(float(np.nanmean(squares)), stated, least**2))
+            levels.append(max(float(np.nanmean(squares)), stated, rounding**2))
         return levels
 
 
@@ -146,13 +146,13 @@ class Split:
         return Split(self.fit & samples, np.where(samples, self.fold, -1), self.test)
 
 
-def samples_of_some_poses(poses: np.ndarray, samples: np.ndarray, most: int) -> np.ndarray:
-    """(n,) True for about `most` of some samples, (n,) bool: those of one of every k consecutive poses.
+def samples_of_some_poses(poses: np.ndarray, samples: np.ndarray, max_count: int) -> np.ndarray:
+    """(n,) True for about `max_count` of some samples, (n,) bool: those of one of every k consecutive poses.
 
     Which of the k is random, always the same for one recording: poses that alternate, such as approaches from either
     side, are all represented. The measurements of one pose stay together.
     """
-    step = -(-int(samples.sum()) // most)
+    step = -(-int(samples.sum()) // max_count)
     if step <= 1:
         return samples.copy()
     order = np.array(list(dict.fromkeys(poses[samples].tolist())))
@@ -249,7 +249,7 @@ def _placed(known, seen, fitted, loss, steps):
     if unseen.any():
         placed = solve(seen, fitted.only(unseen), loss, steps).parameters
         fitted = replace(fitted, values=placed.values)
-    located = {key: fitted[key] for key, mine in zip(fitted.keys, unseen) if mine}
+    located = {key: fitted[key] for key, is_unseen in zip(fitted.keys, unseen) if is_unseen}
     return pad_to_position(seen.residual(fitted)), located
 
 

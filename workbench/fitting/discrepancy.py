@@ -27,12 +27,12 @@ def expected_discrepancy(mean_square: float, known: float, noise: float, coordin
     size = np.geomspace(_SMALLEST, largest, _POINTS)
     missed = noise * size**2
     log_likelihood = _log_likelihood(mean_square, known + missed, coordinates)
-    without = float(_log_likelihood(mean_square, known, coordinates))
-    top = max(float(log_likelihood.max()), without)
+    log_null = float(_log_likelihood(mean_square, known, coordinates))
+    top = max(float(log_likelihood.max()), log_null)
     # half-Cauchy density times d(size), which is proportional to the size on a logarithmic grid
     weight = 2 / np.pi / (1 + size**2) * size * np.log(size[1] / size[0])
     weight *= _PRESENT * np.exp(log_likelihood - top)
-    absent = (1 - _PRESENT) * np.exp(without - top)
+    absent = (1 - _PRESENT) * np.exp(log_null - top)
     return float((weight * missed).sum() / (weight.sum() + absent))
 
 

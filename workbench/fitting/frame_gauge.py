@@ -35,16 +35,16 @@ def undetermined_offsets(model: Model, fit: Fit) -> list[str]:
     if not (parameters.mask & is_offset).any():
         return []
     normal = _normal(model, fit)
-    held: list[str] = []
+    fixed: list[str] = []
     while True:
-        remaining = parameters.fix(*held) if held else parameters
+        remaining = parameters.fix(*fixed) if fixed else parameters
         places = remaining.mask[parameters.mask]
         sigma = _sigma(normal[np.ix_(places, places)], remaining, fit.sigma_scale)
         is_open = np.array(is_offset)[remaining.mask]
         share = np.where(is_open, sigma / remaining.typical[remaining.mask], 0.0)
         if not share.max(initial=0.0) > LARGEST_SHARE:
-            return held
-        held.append(_free_keys(remaining)[int(share.argmax())])
+            return fixed
+        fixed.append(_free_keys(remaining)[int(share.argmax())])
 
 
 def undetermined_root(model: Model, fit: Fit) -> list[str]:
@@ -62,22 +62,22 @@ def undetermined_root(model: Model, fit: Fit) -> list[str]:
     return [key for key in asked if prior[key] and sigma[key] > LARGEST_SHARE * prior[key]]
 
 
-def with_offset_priors(parameters: Parameters, held: Sequence[str]) -> Parameters:
-    """The parameters with their typical size as prior of the translations that are held.
+def with_offset_priors(parameters: Parameters, fixed: Sequence[str]) -> Parameters:
+    """The parameters with their typical size as prior of the translations that are fixed.
 
-    What depends on a held translation is as uncertain as a plausible error of it makes it.
+    What depends on a fixed translation is as uncertain as a plausible error of it makes it.
     """
-    table = [replace(p, prior=p.typical) if p.key in held else p for p in parameters.table]
+    table = [replace(p, prior=p.typical) if p.key in fixed else p for p in parameters.table]
     return replace(parameters, table=tuple(table))
 
 
-def undetermined_offset_words(parameters: Parameters, held: Sequence[str]) -> str:
-    """Sentence on the translations that were held; "" where there are none."""
-    if not held:
+def undetermined_offset_words(parameters: Parameters, fixed: Sequence[str]) -> str:
+    """Sentence on the translations that were fixed; "" where there are none."""
+    if not fixed:
         return ""
     labels = {p.key: p.label for p in parameters.table}
     # 0.0 added: a rounded -0.04 is no -0.0
-    named = ", ".join(f"{labels[key]} ({round(parameters[key], 1) + 0.0:.1f} mm)" for key in held)
+    named = ", ".join(f"{labels[key]} ({round(parameters[key], 1) + 0.0:.1f} mm)" for key in fixed)
     return (
         f"These poses do not determine {named}: the same change of the base explains the measurements as well, since "
         "the axes are parallel. It is held at the value that the nominal geometry gives, which does not affect the "

@@ -38,9 +38,9 @@ def joint_readings(recording: Recording, rows: np.ndarray) -> Iterator[Reading]:
             "shift the rows back, and look for an image that was lost",
             np.roll(given, -step, 0),
         )
-    for cause, seems, do, change in _column_changes(recording):
+    for cause, symptom, remedy, change in _column_changes(recording):
         changed = replace(recording, columns={**recording.columns, **change})
-        yield Reading(cause, seems, do, flange_poses(changed)[rows])
+        yield Reading(cause, symptom, remedy, flange_poses(changed)[rows])
     yield from _other_robots(recording, rows)
 
 
@@ -72,23 +72,25 @@ def _signs(columns, names, called):
 def _zero_changes(columns, revolute):
     for name in revolute:
         for offset in _OFFSETS_DEG:
-            seems = f"the zero of column {name} looks displaced by {-offset:g} deg"
+            symptom = f"the zero of column {name} looks displaced by {-offset:g} deg"
             joint = joint_number(name)
-            do = f"add {offset:g} deg to {name}, or correct theta_deg of joint {joint} of the robot"
-            yield "joint-zero", seems, do, {name: columns[name] + offset}
+            remedy = (
+                f"add {offset:g} deg to {name}, or correct theta_deg of joint {joint} of the robot"
+            )
+            yield "joint-zero", symptom, remedy, {name: columns[name] + offset}
 
 
 def _coupling_changes(columns, second, third):
     for sign, word in ((1, "plus"), (-1, "less")):
-        seems = f"the angle of joint 3 looks like {third} {word} {second}"
+        symptom = f"the angle of joint 3 looks like {third} {word} {second}"
         changed = {third: columns[third] + sign * columns[second]}
-        yield "coupled-joints", seems, "write coupled under joint 3 of the robot", changed
+        yield "coupled-joints", symptom, "write coupled under joint 3 of the robot", changed
 
 
 def _unit_changes(columns, revolute):
     small = [name for name in revolute if np.abs(columns[name]).max() < _TURN]
-    together = [tuple(revolute)] if len(revolute) > 1 else []
-    for names in [*((name,) for name in revolute), *together]:
+    all_columns = [tuple(revolute)] if len(revolute) > 1 else []
+    for names in [*((name,) for name in revolute), *all_columns]:
         listed = names[0] if len(names) == 1 else "all joint columns"
         if set(names) <= set(small):
             yield (

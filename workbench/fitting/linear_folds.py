@@ -46,19 +46,19 @@ def cross_validate_linearised(
     is_linear = len(folds.blocks) > 1 and not noise_mask(model, start).any()
     for k in range(len(folds.blocks)):
         test = fold == folds.numbers[k]
-        near, found, is_settled = start, None, False
+        start_of_fold, found, is_settled = start, None, False
         if is_linear:
-            known = folds.without(k)
+            known = folds.normal_without(k)
             fitted = folds.fitted(known, settle)
             found = folds.held_out(k, known, fitted)
-            near, is_settled = (
+            start_of_fold, is_settled = (
                 fitted,
                 True,
             )  # also the scales of its priors are those of the other folds
         if found is None:
             others = (fold >= 0) & ~test
             settle_again = settle and not is_settled
-            exact = hold_out(model, near, test, others, "linear", steps, settle_again)
+            exact = hold_out(model, start_of_fold, test, others, "linear", steps, settle_again)
             found = exact.residual[:, test], exact.located
         residual[:, test] = found[0]
         located |= found[1]
@@ -130,7 +130,7 @@ class _Folds:
         blocks = (_Block.of(rows[..., fold == k], residual[:, fold == k]) for k in numbers)
         return cls(part, start, fold, numbers, tuple(blocks), white)
 
-    def without(self, k: int) -> _Block:
+    def normal_without(self, k: int) -> _Block:
         """The normal equations of all folds but one."""
         others = self.blocks[:k] + self.blocks[k + 1 :]
         return sum(others[1:], others[0])
@@ -163,7 +163,7 @@ class _Folds:
             return pad_to_position(residual[:, test]), {}
         seen = self.model.part(test)
         placed = solve(seen, fitted.only(unseen)).parameters
-        located = {key: placed[key] for key, mine in zip(placed.keys, unseen) if mine}
+        located = {key: placed[key] for key, is_unseen in zip(placed.keys, unseen) if is_unseen}
         fitted = replace(fitted, values=placed.values)
         return pad_to_position(seen.residual(fitted)), located
 

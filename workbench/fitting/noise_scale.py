@@ -67,7 +67,7 @@ def _extra(squares, sigma) -> float:
         return float((squares / (sigma**2 + v)).mean() - 1)
 
     high = 2 * float(squares.mean())  # twice: at the mean itself rounding may leave the sign open
-    least = max(1e-12 * high, _NANOMETRE**2)
-    if high > least and excess(least) > 0:
-        return root_between(excess, least, high)
-    return least * (not sigma.any())
+    min_variance = max(1e-12 * high, _NANOMETRE**2)
+    if high > min_variance and excess(min_variance) > 0:
+        return root_between(excess, min_variance, high)
+    return min_variance * (not sigma.any())

@@ -92,7 +92,7 @@ def examine() -> list[Check]:
     return [
         _python(),
         *_shared_libraries(),
-        *(_library(name, brings, True) for name, brings in LIBRARIES.items()),
+        *(_library(name, modules, True) for name, modules in LIBRARIES.items()),
         *(_optional(name, extra) for name, extra in OPTIONAL.items()),
         _device(),
         _recordings(),
@@ -142,13 +142,13 @@ def _shared(name: str) -> Check:
     return Check(name, True, "loads")
 
 
-def _library(name: str, brings: Sequence[str], required: bool) -> Check:
+def _library(name: str, modules: Sequence[str], required: bool) -> Check:
     try:
         import_module(name)
     except Exception as error:  # a broken wheel raises anything
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        return Check(name, False, reason, required, _remedy(name, brings, error))
-    return Check(name, True, _version(brings), required)
+        return Check(name, False, reason, required, _remedy(name, modules, error))
+    return Check(name, True, _version(modules), required)
 
 
 def _optional(name: str, extra: Extra) -> Check:
@@ -177,15 +177,15 @@ def missing_package(error: ImportError) -> str | None:
     )
 
 
-def _remedy(name: str, brings: Sequence[str], error: Exception) -> str:
-    lacking = [package for soname, package in SHARED.items() if soname in str(error)]
-    if lacking:
-        return f"{_sudo()}apt-get install -y {' '.join(lacking)}"
-    return f"{Path(sys.executable).name} -m pip install {brings[0]}"
+def _remedy(name: str, modules: Sequence[str], error: Exception) -> str:
+    packages = [package for soname, package in SHARED.items() if soname in str(error)]
+    if packages:
+        return f"{_sudo()}apt-get install -y {' '.join(packages)}"
+    return f"{Path(sys.executable).name} -m pip install {modules[0]}"
 
 
-def _version(brings: Sequence[str]) -> str:
-    for distribution in brings:
+def _version(modules: Sequence[str]) -> str:
+    for distribution in modules:
         try:
             return metadata.version(distribution)
         except metadata.PackageNotFoundError:

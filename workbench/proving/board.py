@@ -164,7 +164,7 @@ _TEXT = {
     "seal",
     "program",
 }
-_WHOLE = {"index", "samples", "group_size"}
+_INTEGER_COLUMNS = {"index", "samples", "group_size"}
 _YES_NO = {
     "confidently_wrong",
     "detected",
@@ -179,7 +179,7 @@ _YES_NO = {
 def _schema(pa):
     kinds = (
         dict.fromkeys(_TEXT, pa.string())
-        | dict.fromkeys(_WHOLE, pa.int64())
+        | dict.fromkeys(_INTEGER_COLUMNS, pa.int64())
         | dict.fromkeys(_YES_NO, pa.bool_())
     )
     return pa.schema([(name, kinds.get(name, pa.float64())) for name in _COLUMNS])

@@ -20,7 +20,7 @@ _PROGRAM = (
     "sensors",
     "datasets",
 )
-_APART = ("robot_model", "sensors", "workbench")
+_CHECKED_PACKAGES = ("robot_model", "sensors", "workbench")
 
 
 @lru_cache(maxsize=1)
@@ -29,14 +29,14 @@ def program() -> str:
 
     Computed once per process, because a process keeps the code that it has loaded.
     """
-    every = hashlib.sha256()
+    checksum = hashlib.sha256()
     for place in _PROGRAM:
         for path in sorted((protocol.PROJECT / place).rglob("*.py")):
             if "makers" not in path.parts:
-                every.update(
+                checksum.update(
                     path.relative_to(protocol.PROJECT).as_posix().encode() + path.read_bytes()
                 )
-    return every.hexdigest()[:12]
+    return checksum.hexdigest()[:12]
 
 
 def checks(exam: protocol.BenchmarkRun, rows: Sequence[Mapping]) -> list[Figure]:
@@ -100,7 +100,7 @@ def _file(name: str) -> Path | None:
 
 
 def _forbidden_imports(path: Path) -> list[str]:
-    return [name for name in _imported(path) if name.split(".")[0] in _APART]
+    return [name for name in _imported(path) if name.split(".")[0] in _CHECKED_PACKAGES]
 
 
 def _tamper_test(exam: protocol.BenchmarkRun, seals: Mapping[str, str]):

@@ -67,25 +67,27 @@ def rate(
     asked: str = "",
     limit: float | None = None,
     at_most: bool = False,
-    least: int = 0,
+    min_cases: int = 0,
 ) -> Figure:
     """Share of rows for which `hit` is true. It is `within` if at least (`at_most`: at most) the limit."""
     hits = sum(bool(hit(row)) for row in rows)
     cases = len(rows)
     value = hits / cases if cases else None
-    within = (
+    is_within = (
         None if limit is None or value is None else value <= limit if at_most else value >= limit
     )
-    return Figure(suite, name, hits, cases, value, *wilson(hits, cases), asked, within, least)
+    return Figure(
+        suite, name, hits, cases, value, *wilson(hits, cases), asked, is_within, min_cases
+    )
 
 
 def table(rows: Sequence[Mapping]) -> list[Figure]:
     """All figures of the suites that have cases, in the order of the suites."""
     figures_of_suites: list[Figure] = []
-    for suite, of in _SUITES.items():
+    for suite, figures_of_suite in _SUITES.items():
         suite_rows = [row for row in rows if row["suite"] == suite]
         if suite_rows:
-            figures_of_suites += of(suite_rows)
+            figures_of_suites += figures_of_suite(suite_rows)
     return figures_of_suites + _asks_for_nothing(rows) + gain(rows)
 
 
@@ -98,7 +100,7 @@ def _clean(rows):
         "≤ 1 % of ≥ 300",
         0.01,
         at_most=True,
-        least=300,
+        min_cases=300,
     )
     upper = Figure(
         "clean",
@@ -152,7 +154,7 @@ def _library(rows):
 
 
 def _absorbed(rows):
-    parts = [r for r in rows if _part_gain(r) is not None]
+    partial = [r for r in rows if _part_gain(r) is not None]
     return [
         rate("swallowed", "right name or declared group", rows, _right, "≥ 85 %", 0.85),
         rate(
@@ -167,7 +169,7 @@ def _absorbed(rows):
         rate(
             "swallowed",
             "error on the part not fitted falls by half of the oracle's gain or more",
-            parts,
+            partial,
             lambda r: _part_gain(r) >= 0.5,
             "≥ half of the oracle's",
             0.85,
@@ -175,7 +177,7 @@ def _absorbed(rows):
         _median(
             "swallowed",
             "share of the oracle's gain on the part not fitted",
-            [_part_gain(r) for r in parts],
+            [_part_gain(r) for r in partial],
             0.5,
         ),
         _confidently("swallowed", rows, "", None),
@@ -199,7 +201,7 @@ def _pairs(rows):
     ]
 
 
-def _outside(rows):
+def _outside_catalogue(rows):
     return [
         rate(
             "outside",
@@ -264,10 +266,10 @@ def _sensor(rows):
 
 def _knocked_out(rows):
     out = [r for r in rows if r["effects"]]
-    inside = [r for r in rows if not r["effects"]]
+    with_none = [r for r in rows if not r["effects"]]
     return [
         rate("real-knocked-out", "terms named again", out, _right, "all", 1.0),
-        rate("real-knocked-out", "sets without a term named twice", inside, _kept, "all", 1.0),
+        rate("real-knocked-out", "sets without a term named twice", with_none, _kept, "all", 1.0),
     ]
 
 
@@ -308,7 +310,7 @@ _SUITES = {
     "library": _library,
     "swallowed": _absorbed,
     "pairs": _pairs,
-    "outside": _outside,
+    "outside": _outside_catalogue,
     "covariate-withheld": _withheld,
     "sensor": _sensor,
     "real-knocked-out": _knocked_out,
@@ -387,9 +389,9 @@ def _median(suite, name, values, limit) -> Figure:
     n = len(values)
     if not n:
         return Figure(suite, name, None, 0, None, None, None, f"≥ {limit:g}", None)
-    off = _Z * np.sqrt(n) / 2
-    low = values[max(int(n / 2 - off), 0)]
-    high = values[min(int(np.ceil(n / 2 + off)), n - 1)]
+    half_width = _Z * np.sqrt(n) / 2
+    low = values[max(int(n / 2 - half_width), 0)]
+    high = values[min(int(np.ceil(n / 2 + half_width)), n - 1)]
     middle = float(np.median(values))
     return Figure(
         suite, name, None, n, middle, float(low), float(high), f"≥ {limit:g}", middle >= limit
@@ -474,22 +476,22 @@ def reliability(rows: Sequence[Mapping]) -> list[dict]:
     return rows_of_probability
 
 
-def confusion(rows: Sequence[Mapping], of: str) -> tuple[list[str], list[str], np.ndarray]:
-    """Confusion matrix (counts) of truths (rows) and claims (columns), cases with one effect; of: "effect" or "where".
+def confusion(rows: Sequence[Mapping], key: str) -> tuple[list[str], list[str], np.ndarray]:
+    """Confusion matrix (counts) of truths (rows) and claims (columns), cases with one effect; key: "effect" or "where".
 
     The claim is the first one; a declared group counts as the truth that it contains.
     """
     single = [r for r in rows if len(r["effects"]) == 1 and r.get("first") is not None]
-    pairs = [(r["effects"][0][of], _said(r, of)) for r in single]
+    pairs = [(r["effects"][0][key], _claimed(r, key)) for r in single]
     truths = sorted({true for true, _ in pairs})
-    said = truths + sorted({claim for _, claim in pairs} - set(truths))
-    counts = np.zeros((len(truths), len(said)), int)
+    claims = truths + sorted({claim for _, claim in pairs} - set(truths))
+    counts = np.zeros((len(truths), len(claims)), int)
     for true, claim in pairs:
-        counts[truths.index(true), said.index(claim)] += 1
-    return truths, said, counts
+        counts[truths.index(true), claims.index(claim)] += 1
+    return truths, claims, counts
 
 
-def _said(row, of) -> str:
-    if row["outcome"] in NAMED or (of == "where" and row.get("located")):
-        return row["effects"][0][of]
-    return row["first"][of]
+def _claimed(row, key) -> str:
+    if row["outcome"] in NAMED or (key == "where" and row.get("located")):
+        return row["effects"][0][key]
+    return row["first"][key]

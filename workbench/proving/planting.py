@@ -89,7 +89,7 @@ def _possible(bench: Bench) -> list[Term]:
     return terms + [Term(TransmissionHarmonic.effect, where, order) for where in turning]
 
 
-def without(recording, name: str, terms):
+def without_contribution(recording, name: str, terms):
     """The recording without the contribution of `terms` to its points; all supported terms are fitted jointly."""
     model, fitted = _fitted(name, recording)
     bare = fitted
@@ -182,9 +182,9 @@ def _mixing(recording) -> np.ndarray:
 def _read_off(recording, effect: Mapping, wave):
     """The recording with the readings that a controller shows if the effect causes part of the true joint angle."""
     joint = Place.of(effect["where"]).number - 1
-    off = np.zeros((recording.joints.shape[1], recording.n))
-    off[joint] = wave
-    moved = np.rad2deg(np.linalg.pinv(_mixing(recording)) @ off)
+    error = np.zeros((recording.joints.shape[1], recording.n))
+    error[joint] = wave
+    moved = np.rad2deg(np.linalg.pinv(_mixing(recording)) @ error)
     columns = dict(recording.columns)
     for k, row in enumerate(moved, 1):
         columns[f"q{k}_deg"] = columns[f"q{k}_deg"] - row

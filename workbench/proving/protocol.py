@@ -203,14 +203,14 @@ class Watch:
         )
 
     def _is_barred(self, real: str) -> bool:
-        return any(_inside(real, place) for place in self.barred)
+        return any(_is_inside(real, place) for place in self.barred)
 
     def allowed(self, path: str) -> bool:
         """True if an absolute path may be opened."""
         real = os.path.realpath(path)
-        if _inside(real, self.given):
+        if _is_inside(real, self.given):
             return True
-        return not self._is_barred(real) and any(_inside(real, place) for place in _ALLOWED)
+        return not self._is_barred(real) and any(_is_inside(real, place) for place in _ALLOWED)
 
 
 _FILES = {"open", "os.listdir", "os.scandir"}
@@ -237,7 +237,7 @@ _ALLOWED = tuple(
 _watch: list[Watch] = []
 
 
-def _inside(path: str, place: Path) -> bool:
+def _is_inside(path: str, place: Path) -> bool:
     place = str(place)
     return path == place or path.startswith(place.rstrip(os.sep) + os.sep)
 

@@ -22,7 +22,7 @@ def prove(
     seed: int = 1,
     own_data: Path | None = None,
     jobs: int | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
     minutes: float | None = None,
 ) -> board.Board:
     """Run the benchmark in `folder`, or continue the run that is there, and return its scoreboard.
@@ -42,10 +42,10 @@ def prove(
         )
     planned = _settle(folder, seed, str(own_data.resolve()) if own_data else None, plan.counts)
     exam = protocol.BenchmarkRun(folder)
-    names = _commit(exam, plan, own_data, count, say)
-    stages.run(folder, names, count, say, minutes)
+    names = _commit(exam, plan, own_data, count, progress)
+    stages.run(folder, names, count, progress, minutes)
     rows = stages.open_all(
-        folder, [name for name in exam.names() if exam.answer(name).exists()], count, say
+        folder, [name for name in exam.names() if exam.answer(name).exists()], count, progress
     )
     scoreboard = board.board(
         rows,
@@ -60,17 +60,17 @@ def prove(
 
 
 def _commit(
-    exam: protocol.BenchmarkRun, plan: tasks.Plan, own_data: Path | None, count: int, say
+    exam: protocol.BenchmarkRun, plan: tasks.Plan, own_data: Path | None, count: int, progress
 ) -> list[str]:
     """Create the cases of this call, publish the hashes of their truths, and return their names."""
     if own_data is None:
-        stages.create_cases(exam.folder, plan, count, say)
+        stages.create_cases(exam.folder, plan, count, progress)
         names = sorted(task.name for task in plan.tasks)
     else:
         names = bring(exam, own_data)
         stages.publish(exam.folder)
     digest = board.publish_seals(exam.folder, protocol.published(exam))
-    say(f"hashes of {len(names)} truths published, SHA-256 of all hashes {digest[:16]}…")
+    progress(f"hashes of {len(names)} truths published, SHA-256 of all hashes {digest[:16]}…")
     return names
 
 

@@ -40,11 +40,11 @@ _TIMES = (1.0, 1.0, 0.5, 2.0, 0.25)
 Made = tuple[Callable[[Path], None], Callable[[], str]]
 
 
-def present(sets) -> list[str]:
+def present(names) -> list[str]:
     """The recordings whose files are present."""
     from datasets import find
 
-    return [name for name in sets if find(name.partition(":")[0]) is not None]
+    return [name for name in names if find(name.partition(":")[0]) is not None]
 
 
 def available(suite: str) -> tuple[int, str]:
@@ -127,7 +127,9 @@ def _knocked_out(index: int, seed: int):
     recording = _thinned(name)
     terms = planting.supported(recording, name)
     retained_terms = None if term is None else terms[term]
-    corrected = planting.without(recording, name, tuple(t for t in terms if t != retained_terms))
+    corrected = planting.without_contribution(
+        recording, name, tuple(t for t in terms if t != retained_terms)
+    )
     common = {"terms": [[t.effect, t.where] for t in terms], "set": name}
     if retained_terms is None:
         return corrected, {"rule": "not-again", "effects": [], **common}
@@ -148,22 +150,27 @@ def _planted(index: int, seed: int):
     """First every recording unchanged, then a copy of each without a planted effect, then planted effects in turn."""
     from workbench.proving.protocol import name_of
 
-    here = present(PLANTED_SETS)
-    which = index % len(here)
-    recording = _thinned(here[which])
-    original = name_of("real-planted", which, seed)
+    available = present(PLANTED_SETS)
+    number = index % len(available)
+    recording = _thinned(available[number])
+    original = name_of("real-planted", number, seed)
     rng = np.random.default_rng([seed, 77, index])
-    if index < len(here):
-        return recording, {"rule": "as-it-is", "effects": [], "set": here[which]}
-    if index < 2 * len(here):
+    if index < len(available):
+        return recording, {"rule": "as-it-is", "effects": [], "set": available[number]}
+    if index < 2 * len(available):
         copy = planting.jittered(recording, rng)
-        return copy, {"rule": "unplanted", "effects": [], "set": here[which], "twin": original}
-    times = _TIMES[(index // len(here) - 2) % len(_TIMES)]
+        return copy, {
+            "rule": "unplanted",
+            "effects": [],
+            "set": available[number],
+            "twin": original,
+        }
+    times = _TIMES[(index // len(available) - 2) % len(_TIMES)]
     planted, effect = planting.plant(recording, rng, times)
     return planted, {
         "rule": "planted",
         "effects": [effect],
-        "set": here[which],
+        "set": available[number],
         "twin": original,
         "times": times,
     }
@@ -271,9 +278,11 @@ def _deflecting() -> set[str]:
 def _moves(truth, answer, original) -> dict:
     from workbench.proving import scoring
 
-    said = {scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()}
-    said |= {name for c in answer["effects"] for name in _read_by(c)}
-    found = any(name.startswith(("approach", "step", "last", "move")) for name in said)
+    claimed_columns = {
+        scoring.plain(n) for c in answer["effects"] for n in c.get("depends_on") or ()
+    }
+    claimed_columns |= {name for c in answer["effects"] for name in _read_by(c)}
+    found = any(name.startswith(("approach", "step", "last", "move")) for name in claimed_columns)
     return {"outcome": "exact" if found else "missed", "located": found}
 
 

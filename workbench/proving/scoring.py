@@ -42,10 +42,10 @@ def score(truth: Mapping, record: Mapping) -> dict:
     if answer is None:
         refused = record["refused"] and _is(truth, "unit-or-frame")
         return row | ({"outcome": "exact", "detected": True, "located": True} if refused else {})
-    return row | judged(truth, answer)
+    return row | score_answer(truth, answer)
 
 
-def judged(truth: Mapping, answer: Mapping) -> dict:
+def score_answer(truth: Mapping, answer: Mapping) -> dict:
     """Outcome, place, confidence and held-out errors of an answer."""
     true = truth["effects"]
     answer = without_noise_claims(truth, answer)
@@ -75,11 +75,11 @@ def judged(truth: Mapping, answer: Mapping) -> dict:
             default=None,
         ),
         "covariates_right": covariates_right(true[0], answer),
-        **_visible(truth, answer),
+        **_detectable(truth, answer),
         "asks_for_it": names_words(truth.get("words", ()), answer),
     }
     unnamed = all(effect["effect"] == "unknown" for effect in true)
-    outcome = _outside(true, answer, found) if unnamed else _named(true, answer, found)
+    outcome = _outside_catalogue(true, answer, found) if unnamed else _named(true, answer, found)
     return found | {"outcome": outcome}
 
 
@@ -102,12 +102,12 @@ def without_noise_claims(truth: Mapping, answer: Mapping) -> Mapping:
 
 
 def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
-    said = answer["effects"]
+    claims = answer["effects"]
     if not found["detected"]:
         return "missed"
-    exact = [any(same(c, effect) for c in said) for effect in true]
-    group = [any(in_group(c, effect) for c in said) for effect in true]
-    extra = any(not _stands_for(c, true) for c in said)
+    exact = [any(same(c, effect) for c in claims) for effect in true]
+    group = [any(in_group(c, effect) for c in claims) for effect in true]
+    extra = any(not _stands_for(c, true) for c in claims)
     if all(a or b for a, b in zip(exact, group)):
         return "more" if extra else "exact" if all(exact) else "group"
     if len(true) > 1 and any(a or b for a, b in zip(exact, group)):
@@ -117,7 +117,7 @@ def _named(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     return "abstained" if answer["verdict"] == "unexplained" else "wrong"
 
 
-def _outside(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
+def _outside_catalogue(true: Sequence[Mapping], answer: Mapping, found: Mapping) -> str:
     """Outcome for an effect outside the catalogue.
 
     exact: `unexplained` at the true place, without a name; or an effect of the catalogue that is equivalent in these
@@ -191,8 +191,8 @@ def covariates_right(planted: Mapping, answer: Mapping) -> bool | None:
     claims = [c for c in answer["effects"] if c["effect"] == "unknown"] + list(
         answer["located"][:1]
     )
-    said = {plain(name) for claim in claims for name in claim.get("depends_on") or ()}
-    return bool(said) and bool(said & known)
+    claimed_names = {plain(name) for claim in claims for name in claim.get("depends_on") or ()}
+    return bool(claimed_names) and bool(claimed_names & known)
 
 
 def plain(name: str) -> str:
@@ -223,7 +223,7 @@ def names_words(words: Sequence[str], answer: Mapping) -> bool | None:
     return any(word in text for word in words)
 
 
-def _visible(truth: Mapping, answer: Mapping) -> dict:
+def _detectable(truth: Mapping, answer: Mapping) -> dict:
     """Size of one planted effect orthogonal to the baseline, and the stated minimal detectable bias; 3-D RMS, mm.
 
     `below_visible`: True if the effect is smaller; None if the answer has no row for it.
@@ -240,11 +240,11 @@ def _visible(truth: Mapping, answer: Mapping) -> dict:
     ]
     rows = [row for row in rows if order is None or row.get("variant") == f"order {order}"] or rows
     size = planted["survives_sigma"] * sigma * 3**0.5
-    least = min((row["surviving_mm"] for row in rows), default=None)
+    smallest = min((row["surviving_mm"] for row in rows), default=None)
     return {
         "surviving_mm": size,
-        "visible_mm": least,
-        "below_visible": None if least is None else size < least,
+        "visible_mm": smallest,
+        "below_visible": None if smallest is None else size < smallest,
     }
 
 

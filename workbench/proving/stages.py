@@ -11,15 +11,15 @@ from workbench.machine import processes
 from workbench.machine.progress import paced
 from workbench.proving import checks, protocol, scoring, tasks
 
-Say = Callable[[str], None]
+Progress = Callable[[str], None]
 QUESTIONS = "questions.json"
 
 
-def create_cases(folder: Path, plan: tasks.Plan, jobs: int, say: Say) -> None:
+def create_cases(folder: Path, plan: tasks.Plan, jobs: int, progress: Progress) -> None:
     """Create missing cases, and publish the hashes of all truths and the baseline of each case."""
     exam = protocol.BenchmarkRun(folder)
     missing = [t for t in plan.tasks if not exam.truth(t.name).exists()]
-    tick = paced(say, "creating case")
+    tick = paced(progress, "creating case")
     for done, _ in enumerate(_spread(tasks.create_case, [(folder, t) for t in missing], jobs), 1):
         tick(done, len(missing))
     publish(folder)
@@ -36,7 +36,7 @@ def publish(folder: Path) -> dict[str, str]:
 
 
 def run(
-    folder: Path, names: Iterable[str], jobs: int, say: Say, minutes: float | None = None
+    folder: Path, names: Iterable[str], jobs: int, progress: Progress, minutes: float | None = None
 ) -> None:
     """Diagnose every case without an answer; the hashes are checked before and after.
 
@@ -50,7 +50,7 @@ def run(
     questions = protocol.read_object(folder / QUESTIONS)
     missing = [name for name in names if not exam.answer(name).exists()]
     work = [(folder, name, questions[name], until) for name in missing]
-    tick = paced(say, "diagnosing case")
+    tick = paced(progress, "diagnosing case")
     for done, _ in enumerate(_spread(diagnose, work, jobs), 1):
         tick(done, len(missing))
     protocol.check(exam, seals)
@@ -82,7 +82,7 @@ def plain(found) -> dict:
     return json.loads(text, parse_constant=lambda word: None)
 
 
-def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[dict]:
+def open_all(folder: Path, names: Iterable[str], jobs: int, progress: Progress) -> list[dict]:
     """Rows of the scoreboard: unblind the cases, check their hashes, score them, and compare with the oracle."""
     from workbench.proving import oracle
 
@@ -91,7 +91,7 @@ def open_all(folder: Path, names: Iterable[str], jobs: int, say: Say) -> list[di
     protocol.check(exam, seals)
     names = list(names)
     missing = [(folder, name) for name in names if not exam.weighed(name).exists()]
-    tick = paced(say, "scoring case")
+    tick = paced(progress, "scoring case")
     for done, _ in enumerate(_spread(oracle.weigh, missing, jobs), 1):
         tick(done, len(missing))
     return [row_of(exam, name, seals) for name in names]

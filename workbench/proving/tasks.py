@@ -58,10 +58,10 @@ def plan(suites: Sequence[str], cases: int | None, seed: int) -> Plan:
     wanted = [_counted(word, cases) for word in suites or COUNTS]
     tasks, skipped = [], {}
     for suite, count in wanted:
-        most, reason = available(suite)
+        max_count, reason = available(suite)
         if reason:
             skipped[suite] = reason
-        tasks += [Task(suite, k, seed) for k in range(min(count, most))]
+        tasks += [Task(suite, k, seed) for k in range(min(count, max_count))]
     return Plan(tuple(tasks), skipped)
 
 

@@ -13,17 +13,17 @@ def page(folder: Path, rendered: Mapping | None, table: Mapping, why: str) -> Pa
     folder: holds one subfolder per report; rendered, table: answers of the two calibrations.
     """
     numbers = [("from a tracker table, held-out RMS", rounded(table["held_out"]["rms_mm"]), "mm")]
-    parts = [_table(folder, table, why)]
+    sections = [_table(folder, table, why)]
     if rendered is not None:
         numbers = [
             ("from images, held-out RMS", rounded(rendered["held_out"]["rms_mm"]), "mm"),
             ("ball centres from the truth", rounded(rendered["against_truth"]["rms_mm"]), "mm"),
             *numbers,
         ]
-        parts.insert(0, _images(folder, rendered))
+        sections.insert(0, _images(folder, rendered))
     lead = ("Errors are 3-D distances in mm on held-out samples.",)
     return Page(
-        "Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(parts)
+        "Demonstration", "Two calibrations from end to end", tuple(numbers), lead, tuple(sections)
     )
 
 

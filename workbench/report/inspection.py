@@ -47,8 +47,8 @@ def page(inspection: Inspection) -> Page:
 
 def _lead(inspection: Inspection) -> tuple[str, ...]:
     """The verdict, unless the warning above states it, and what the page is about."""
-    about = "Nothing is fitted: these are properties of the recording alone."
-    return (inspection.sentence, about) if inspection.is_sufficient else (about,)
+    scope = "Nothing is fitted: these are properties of the recording alone."
+    return (inspection.sentence, scope) if inspection.is_sufficient else (scope,)
 
 
 def _numbers(inspection: Inspection) -> Iterator[tuple[str, str, str]]:

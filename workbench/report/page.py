@@ -23,18 +23,18 @@ def silent(text: str) -> None:
 def write_report(
     calibration,
     folder: Path,
-    more: Sequence[Section] = (),
+    further_sections: Sequence[Section] = (),
     progress: Progress = silent,
     verdict: str = "",
 ) -> Path:
     """Write `report.html`, and `summary.png` if it can be drawn, into an existing folder.
 
-    calibration: a `workbench.jobs.robot.calibrate.Calibration`; more: further sections, placed before the provenance.
+    calibration: a `workbench.jobs.robot.calibrate.Calibration`; further_sections: placed before the provenance.
     progress: called with one line a step. verdict: the sentences that judge the held-out errors, "" for none.
     Returns the path of the page. Raises InputError if the folder is not writable.
     """
     path = Path(folder) / PAGE
-    replace_file(path, page(calibration, more, progress, verdict))
+    replace_file(path, page(calibration, further_sections, progress, verdict))
     progress("drawing the summary image")
     write_summary(calibration, spread.errors_of(calibration), path.with_name(IMAGE))
     return path
@@ -48,10 +48,15 @@ def write_sheet(report_page: Page, folder: Path) -> Path:
 
 
 def page(
-    calibration, more: Sequence[Section] = (), progress: Progress = silent, verdict: str = ""
+    calibration,
+    further_sections: Sequence[Section] = (),
+    progress: Progress = silent,
+    verdict: str = "",
 ) -> str:
     """The HTML text of the report."""
-    return _rendered("page.html.j2", more=more, **sections(calibration, progress, verdict))
+    return _rendered(
+        "page.html.j2", more=further_sections, **sections(calibration, progress, verdict)
+    )
 
 
 def _rendered(template: str, **values) -> str:
@@ -74,12 +79,12 @@ def marked(text: str):
     """Text for the page, in which words between backticks are set as code."""
     from markupsafe import Markup, escape
 
-    parts = str(text).split("`")
-    if len(parts) % 2 == 0:  # one of them has no counterpart
+    pieces = str(text).split("`")
+    if len(pieces) % 2 == 0:  # one of them has no counterpart
         return escape(text)
-    codes = [Markup("<code>{}</code>").format(part) for part in parts[1::2]]
-    around = [escape(part) for part in parts[::2]]
-    return around[0] + Markup("").join(a + b for a, b in zip(codes, around[1:]))
+    codes = [Markup("<code>{}</code>").format(part) for part in pieces[1::2]]
+    texts = [escape(part) for part in pieces[::2]]
+    return texts[0] + Markup("").join(a + b for a, b in zip(codes, texts[1:]))
 
 
 def sections(calibration, progress: Progress = silent, verdict: str = "") -> dict[str, dict]:

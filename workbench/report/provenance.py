@@ -24,11 +24,11 @@ def section(calibration) -> dict:
     return {"lines": [(name, words) for name, words in lines if words]}
 
 
-def flat(table: Mapping, above: str = "") -> list[tuple[str, str]]:
+def flat(table: Mapping, prefix: str = "") -> list[tuple[str, str]]:
     """Nested tables as lines; a list is joined with spaces."""
     lines = []
     for key, value in table.items():
-        name = f"{above}{_WORDS.get(key, str(key).replace('_', ' '))}"
+        name = f"{prefix}{_WORDS.get(key, str(key).replace('_', ' '))}"
         if isinstance(value, Mapping):
             lines += flat(value, name + ": ")
         else:

@@ -18,7 +18,7 @@ _IN_VIEW = 1.45
 """Length of a scene's diagonal that fits into the default view, in plotly's units."""
 
 
-def figure(height: int, across: str = "", up: str = "") -> go.Figure:
+def figure(height: int, x_title: str = "", y_title: str = "") -> go.Figure:
     """An empty figure of `height` px, its axes titled with their units."""
     plot = go.Figure()
     plot.update_layout(
@@ -28,12 +28,12 @@ def figure(height: int, across: str = "", up: str = "") -> go.Figure:
         bargap=0,
         legend=dict(orientation="h", x=0, y=1.02, yanchor="bottom", xanchor="left"),
     )
-    plot.update_xaxes(title=dict(text=across, standoff=10))
-    return plot.update_yaxes(title=dict(text=up, standoff=8))
+    plot.update_xaxes(title=dict(text=x_title, standoff=10))
+    return plot.update_yaxes(title=dict(text=y_title, standoff=8))
 
 
-def log_axis(low: float, high: float, most: int = 7) -> dict:
-    """A logarithmic axis from `low` to `high` with at most about `most` tick labels.
+def log_axis(low: float, high: float, max_ticks: int = 7) -> dict:
+    """A logarithmic axis from `low` to `high` with at most about `max_ticks` tick labels.
 
     Ends without a logarithm (zero, negative, infinite, nan) and equal ends are replaced. A figure without
     data is then drawn empty.
@@ -43,9 +43,9 @@ def log_axis(low: float, high: float, most: int = 7) -> dict:
     for steps in ((1, 1.5, 2, 3, 4, 5, 6, 8), (1, 2, 3, 5), (1, 2, 5), (1,)):
         ticks = [step * 10.0**power for power in powers for step in steps]
         ticks = [tick for tick in ticks if low <= tick <= high]
-        if len(ticks) <= most:
+        if len(ticks) <= max_ticks:
             break
-    ticks = ticks[:: -(-len(ticks) // most)] if ticks else [low, high]
+    ticks = ticks[:: -(-len(ticks) // max_ticks)] if ticks else [low, high]
     return dict(
         type="log",
         range=[np.log10(low), np.log10(high)],
@@ -94,8 +94,8 @@ def _framed(plot: go.Figure) -> None:
     if not places:
         return
     spans = [
-        np.ptp(along[np.isfinite(along)])
-        for along in (
+        np.ptp(coordinates[np.isfinite(coordinates)])
+        for coordinates in (
             np.concatenate([trace[k] for trace in places]).astype(float) for k in range(3)
         )
     ]

@@ -79,9 +79,9 @@ def shown_unit(unit: str) -> tuple[str, float]:
     return UNITS.get(unit, (unit, 1.0))
 
 
-def counted(number: int, what: str) -> str:
+def counted(number: int, noun: str) -> str:
     """'1 fold', '2,000 folds'."""
-    return f"{number:,} {what}" + ("" if number == 1 else "s")
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")
 
 
 def joint_label(column: str) -> str:
@@ -116,11 +116,11 @@ def axis_label(axis) -> str:
     """A varied parameter of a study with its unit: the stated one, else that of its name or path."""
     if axis.unit:
         return f"{axis.name.replace('_', ' ')} ({axis.unit})"
-    said = column_label(axis.name)
+    label = column_label(axis.name)
     unit = Covariate.of(_key(axis.paths[0])).unit
-    if said.endswith(")") or not unit:
-        return said
-    return f"{said} ({_UNITS_OF_COLUMNS.get(unit, unit)})"
+    if label.endswith(")") or not unit:
+        return label
+    return f"{label} ({_UNITS_OF_COLUMNS.get(unit, unit)})"
 
 
 def _key(path: str) -> str:

@@ -16,11 +16,11 @@ from workbench.studies.spec import Study
 from workbench.studies.tables import parts_done, remove_damaged_parts, write_part
 from workbench.studies.variation import count
 
-_PARTS = 400
+_PART_COUNT = 400
 """Approximate number of parts: a limited number of files, and little lost work if a study is stopped."""
 _LONGEST = 500
 _ATTEMPTS = 3
-Parts = Callable[[Study, range], tuple[list[Row], float]]
+RunPart = Callable[[Study, range], tuple[list[Row], float]]
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class Done:
     @property
     def overhead(self) -> float | None:
         """Worker time outside of runs, relative to the time in runs; None if no run was made."""
-        spent = self.wall * self.workers
-        return None if not self.made else max(spent / self.seconds - 1, 0.0)
+        worker_time = self.wall * self.workers
+        return None if not self.made else max(worker_time / self.seconds - 1, 0.0)
 
 
 def part_size(study: Study) -> int:
     """Runs per part: from the study file, else from the number of runs only. It does not depend on the machine."""
-    return study.part or min(max(count(study) // _PARTS, 1), _LONGEST)
+    return study.part or min(max(count(study) // _PART_COUNT, 1), _LONGEST)
 
 
 def parts_of(study: Study) -> list[range]:
@@ -66,7 +66,7 @@ def carry_out(
     executor: Callable[[], object],
     workers: int,
     tick: Callable[[int, int], None],
-    work: Parts = do_part,
+    work: RunPart = do_part,
 ) -> Done:
     """Compute every part that is missing in `folder` and write it there.
 
@@ -74,19 +74,19 @@ def carry_out(
     workers: number of concurrent runs; tick: called with runs done and in total. Only a few parts are in flight, which
     limits the memory. Raises InputError, and any other error of a run.
     """
-    parts, start = parts_of(study), time.perf_counter()
+    part_runs, start = parts_of(study), time.perf_counter()
     remove_damaged_parts(folder)
-    remaining_parts = sorted(set(range(len(parts))) - parts_done(folder))
+    remaining_parts = sorted(set(range(len(part_runs))) - parts_done(folder))
     total, seconds, rows_written = count(study), 0.0, 0
-    done = total - sum(len(parts[k]) for k in remaining_parts)
+    done = total - sum(len(part_runs[k]) for k in remaining_parts)
     tick(done, total)
 
     def submit(pool, k):
-        return pool.submit(work, study, parts[k])
+        return pool.submit(work, study, part_runs[k])
 
-    for k, (rows, spent) in _results(remaining_parts, submit, executor, 2 * workers + 1):
+    for k, (rows, part_seconds) in _results(remaining_parts, submit, executor, 2 * workers + 1):
         write_part(folder, k, rows)
-        seconds = seconds + spent
+        seconds = seconds + part_seconds
         rows_written = rows_written + len(rows)
         tick(done + rows_written, total)
     return Done(total, rows_written, seconds, time.perf_counter() - start, workers)

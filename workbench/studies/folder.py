@@ -12,7 +12,7 @@ from pathlib import Path
 from workbench.core.errors import InputError
 from workbench.files.runs import RUNS, replace_file, slug
 from workbench.studies.spec import Study
-from workbench.studies.tables import PARTS, TABLE, parts_done
+from workbench.studies.tables import PARTS_FOLDER, TABLE, parts_done
 
 STUDY, LOCK = "study.json", ".lock"
 
@@ -33,9 +33,9 @@ class Place:
         return self.finished and _digest_in(self.path / STUDY) == digest(study, data)
 
 
-def digest(study: Study, more: str = "") -> str:
+def digest(study: Study, extra: str = "") -> str:
     """Checksum of all keys of a study and of its data."""
-    text = json.dumps(study.model_dump(mode="json"), sort_keys=True) + more
+    text = json.dumps(study.model_dump(mode="json"), sort_keys=True) + extra
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -91,7 +91,7 @@ def _holds_work(partial: Path) -> bool:
     """Whether a study was started in the folder; False if a kill interrupted the creation of the folder."""
     if not partial.is_dir():
         return partial.exists()
-    others = [path.name for path in partial.iterdir() if path.name not in (PARTS, LOCK)]
+    others = [path.name for path in partial.iterdir() if path.name not in (PARTS_FOLDER, LOCK)]
     return bool(parts_done(partial)) or not all(map(_is_temporary, others))
 
 
@@ -109,7 +109,7 @@ def _digest_in(path: Path) -> str:
 def _make(place: Place, study: Study, data: str, created: list[Path]) -> None:
     keys = {"digest": digest(study, data), "study": study.model_dump(mode="json")}
     try:
-        (place.partial / PARTS).mkdir(parents=True, exist_ok=True)
+        (place.partial / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputError(
             f"{place.partial} cannot be written ('{problem.strerror}'). Name a writable folder with --out"
@@ -148,7 +148,7 @@ def _move(place: Place) -> None:
         if place.path.is_dir():
             place.path.rmdir()  # fails if the folder is no longer empty
         os.rename(place.partial, place.path)
-        shutil.rmtree(place.path / PARTS, ignore_errors=True)  # the table holds them all
+        shutil.rmtree(place.path / PARTS_FOLDER, ignore_errors=True)  # the table holds them all
     except OSError as problem:
         raise InputError(
             f"{place.path} cannot be written ('{problem.strerror}'). Name another folder with --out"

@@ -53,10 +53,12 @@ def world(study: Study, seed: int) -> World:
     sigma = truth.model.sigma(truth.parameters)
     noisy = residual + truth.rng.normal(size=residual.shape) * sigma
     shown = truth.shown
-    every = replace(
+    all_samples = replace(
         shown, columns=shown.columns | truth.model.chain.measurement.columns(noisy), name="study"
     )
-    measured = every.select(_designed(study, every.select(np.arange(keys.samples)), truth.rng))
+    measured = all_samples.select(
+        _designed(study, all_samples.select(np.arange(keys.samples)), truth.rng)
+    )
     return World(truth, measured, dict(_tests(study, truth, np.arange(keys.samples, shown.n))))
 
 
@@ -225,7 +227,7 @@ def calibrations(study: Study, measured: Recording) -> dict[str, Calibration]:
     }
 
 
-def judged(calibrations: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
+def errors_row(calibrations: dict[str, Calibration], tests: dict[str, Recording]) -> Row:
     """Held-out errors, and errors at the tests, of the nominal robot and of each model."""
     first = next(iter(calibrations.values()))
     row: Row = {"nominal_held_out_mm": first.nominal["rms_mm"]}
@@ -279,12 +281,12 @@ def compensated(calibrations: dict[str, Calibration], world: World) -> Row:
     covariates = {k: v for k, v in programmed.covariates.items() if k != "range_mm"}
     for called, calibration in calibrations.items():
         found = compensate(arm_of(calibration), programmed.joints, covariates=covariates)
-        there = np.flatnonzero(
+        reached_rows = np.flatnonzero(
             found.reached
         )  # near a singularity no small correction changes the orientation
-        if there.size:
+        if reached_rows.size:
             row[f"{called}_compensated_mm"] = _as_nominal(
-                world.truth, programmed.select(there), found.readings[there]
+                world.truth, programmed.select(reached_rows), found.readings[reached_rows]
             )
         row[f"{called}_reached"] = float(found.reached.mean())
     return row

@@ -56,7 +56,7 @@ def _figures(study: Study, seed: int) -> Row:
     figures_of_run = {}
     if "calibrate" in study.do:
         figures_of_run = robots.calibrations(study, world.measured)
-        row |= robots.judged(figures_of_run, world.tests) | (
+        row |= robots.errors_row(figures_of_run, world.tests) | (
             robots.parameter_row(figures_of_run) if study.parameters else {}
         )
     if "compensate" in study.do:
@@ -69,7 +69,7 @@ def _of_recording(study: Study, seed: int) -> Row:
     row: Row = {"samples": recording.n}
     if "calibrate" in study.do:
         calibrations = robots.calibrations(study, recording)
-        row |= robots.judged(calibrations, {})
+        row |= robots.errors_row(calibrations, {})
         row |= robots.parameter_row(calibrations, same_arm=True) if study.parameters else {}
     return row | (robots.diagnosed(study, recording) if "diagnose" in study.do else {})
 

@@ -86,10 +86,10 @@ def errors_of(found: Scans, truth: dict) -> Row:
             f"scans of {row['balls']} balls: no ball was found ({found.scans[0].outcome}). "
             "Move the balls into the field of view"
         )
-    away = np.array([ball.fit.centre - true for ball, true in pairs])
-    row |= {f"centre_{axis}_mm": float(mean) for axis, mean in zip("xyz", away.mean(0))}
+    deviations = np.array([ball.fit.centre - true for ball, true in pairs])
+    row |= {f"centre_{axis}_mm": float(mean) for axis, mean in zip("xyz", deviations.mean(0))}
     row |= {
-        "centre_rms_mm": float(np.sqrt((away**2).sum(1).mean())),
+        "centre_rms_mm": float(np.sqrt((deviations**2).sum(1).mean())),
         "sigma_mm": float(np.sqrt(np.mean([_stated(found.scanner, ball) for ball, _ in pairs]))),
         "form_rms_mm": float(np.sqrt(np.mean([ball.fit.rms**2 for ball, _ in pairs]))),
         "form_d95_mm": float(np.mean([ball.fit.d95 for ball, _ in pairs])),
@@ -109,13 +109,13 @@ def _pairs(balls, true_balls):
     """Found balls, each with the nearest true centre."""
     centres = np.array([true_ball["centre_mm"] for true_ball in true_balls]).reshape(-1, 3)
     for ball in balls:
-        away = (
+        distances = (
             np.linalg.norm(centres - ball.fit.centre, axis=1)
             if ball.fit and len(centres)
             else np.array([np.inf])
         )
-        if away.min() < ball.fit.radius:
-            yield ball, centres[away.argmin()]
+        if distances.min() < ball.fit.radius:
+            yield ball, centres[distances.argmin()]
 
 
 def _radii(pairs) -> Row:
@@ -132,9 +132,11 @@ def _by_incidence(balls: list[Ball]) -> Row:
     for ball in balls:
         used = ball.fit.inliers
         outward = ball.points[:, used] - ball.fit.centre[:, None]
-        back = -ball.points[:, used]
+        to_sensor = -ball.points[:, used]
         cosine = (
-            (outward * back).sum(0) / np.linalg.norm(outward, axis=0) / np.linalg.norm(back, axis=0)
+            (outward * to_sensor).sum(0)
+            / np.linalg.norm(outward, axis=0)
+            / np.linalg.norm(to_sensor, axis=0)
         )
         angles.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
         distances.append(ball.fit.residual[used])

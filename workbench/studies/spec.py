@@ -129,7 +129,7 @@ class Study(SceneTable):
     part: int | None = Field(None, ge=1, le=100_000)
 
     @model_validator(mode="after")
-    def _whole(self):
+    def _check_complete(self):
         if (self.scene is None) == (self.recording is None):
             raise ValueError("expected either scene or recording")
         if len(set(self.do)) < len(self.do) or not self.do:
@@ -185,17 +185,17 @@ def study_names() -> list[str]:
     )
 
 
-def _toml(path: Path, what: str) -> dict:
+def _toml(path: Path, kind: str) -> dict:
     try:
         return read_toml(path)
     except FileNotFoundError:
-        known = f", or one of {', '.join(study_names())}" if what == "study" else ""
+        known = f", or one of {', '.join(study_names())}" if kind == "study" else ""
         raise InputError(
-            f"{path}: expected a {what} (TOML){known}, found no such file; correct its name"
+            f"{path}: expected a {kind} (TOML){known}, found no such file; correct its name"
         ) from None
     except (OSError, ContentError) as problem:
         raise InputError(
-            f"{path}: expected a {what} (TOML), found an unreadable file ({problem}); correct it"
+            f"{path}: expected a {kind} (TOML), found an unreadable file ({problem}); correct it"
         ) from None
 
 
@@ -226,9 +226,9 @@ def validated(kind, keys: dict, called: str):
 
 def _sentence(first: dict, called: str) -> str:
     key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
-    what = first["msg"].removeprefix("Value error, ")
-    what = what[0].lower() + what[1:]
+    message = first["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
     found = "" if first["type"] == "value_error" else f", found {first['input']!r:.80}"
     if first["type"] == "extra_forbidden":
-        what, found = "this key is not known", ""
-    return f"{called}{f', key {key}' if key else ''}: {what}{found}; correct or remove it"
+        message, found = "this key is not known", ""
+    return f"{called}{f', key {key}' if key else ''}: {message}{found}; correct or remove it"

@@ -14,7 +14,7 @@ from workbench.studies.engine import Done, carry_out, given, parts_of
 from workbench.studies.spec import Study, home_of, read_study
 from workbench.studies.variation import count, ends, values_of, with_values
 
-Say = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def carried_out(
     out: Path | None,
     workers: int | None,
     scheduler: str | None,
-    say: Say,
-    close: Callable[[Finished, Path, Say], None] = lambda *_: None,
+    progress: Progress,
+    close: Callable[[Finished, Path, Progress], None] = lambda *_: None,
 ) -> Finished:
     """Run the study of a file, or continue an interrupted one.
 
@@ -109,10 +109,10 @@ def carried_out(
     if place.holds(study, data):
         return Finished(name, study, place.path, None)
     with folder.opened(place, study, data) as partial_folder:
-        done = _made(study, partial_folder, workers, scheduler, paced(say, "run"))
-        say("writing the table")
+        done = _made(study, partial_folder, workers, scheduler, paced(progress, "run"))
+        progress("writing the table")
         tables.put_together(partial_folder, len(parts_of(study)))
-        close(Finished(name, study, partial_folder, done), place.path, say)
+        close(Finished(name, study, partial_folder, done), place.path, progress)
     return Finished(name, study, place.path, done)
 
 

@@ -9,7 +9,7 @@ from workbench.studies import tables
 from workbench.studies.spec import Axis, Study
 from workbench.studies.variation import problem, unit_of
 
-_LEAST = 80
+_MIN_RUNS = 80
 """Number of runs below which sensitivity indices are mostly noise."""
 _QUANTILES = {"min": 0, "p5": 5, "median": 50, "p95": 95, "max": 100}
 
@@ -147,8 +147,10 @@ def sensitivity(study_run, names: list[str]) -> dict:
         return {
             "why": "not determined: needs a random, Latin hypercube, Sobol or Saltelli sample without repeats"
         }
-    if fine.sum() < _LEAST:
-        return {"why": f"not determined: {fine.sum()} runs are too few, expected at least {_LEAST}"}
+    if fine.sum() < _MIN_RUNS:
+        return {
+            "why": f"not determined: {fine.sum()} runs are too few, expected at least {_MIN_RUNS}"
+        }
     try:
         return _indices(study_run.study, axes, values, result, fine) | {"outcome": outcome}
     except ImportError:
@@ -248,10 +250,10 @@ def _covered(key, values, std, true, stated, known) -> dict | None:
         "ratio": float(values[fine].std(ddof=1) / stated),
     }
     if known:
-        away = np.abs(values[fine] - true) / std[fine]
+        sigmas = np.abs(values[fine] - true) / std[fine]
         row |= {
-            "within_1": float((away <= 1).mean()),
-            "within_2": float((away <= 1.96).mean()),
+            "within_1": float((sigmas <= 1).mean()),
+            "within_2": float((sigmas <= 1.96).mean()),
             "bias_sigmas": float((values[fine] - true).mean() / stated),
         }
     return row
@@ -273,10 +275,11 @@ def sentences(found: dict) -> list[str]:
             f"is the best choice in {100 * best['best_in']:.0f} % of the runs."
         )
     if indices := found["sensitivity"].get("indices"):
-        most = max(indices, key=lambda row: row.get("total", row["first"]))
-        share = most.get("total", most["first"])
+        dominant = max(indices, key=lambda row: row.get("total", row["first"]))
+        share = dominant.get("total", dominant["first"])
         lines.append(
-            f"{most['parameter']} has the largest influence on {found['outcome']}: {100 * share:.0f} % of its variance."
+            f"{dominant['parameter']} has the largest influence on {found['outcome']}: "
+            f"{100 * share:.0f} % of its variance."
         )
     known = [row for row in found["coverage"] if "within_2" in row]
     if known:

@@ -14,7 +14,7 @@ from workbench.core.text.csv_text import protect_text_columns
 from workbench.files.runs import flush_to_disk
 from workbench.studies.robots import Row
 
-PARTS, TABLE, CSV = "parts", "table.parquet", "table.csv"
+PARTS_FOLDER, TABLE, CSV = "parts", "table.parquet", "table.csv"
 
 
 def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
@@ -27,7 +27,7 @@ def write_part(folder: Path, number: int, rows: Sequence[Row]) -> None:
     buffer = pa.BufferOutputStream()
     pq.write_table(table, buffer, write_page_checksum=True)
     content = buffer.getvalue().to_pybytes()
-    with whole(folder / PARTS / _name(number, content)) as partial:
+    with replace_whole_file(folder / PARTS_FOLDER / _name(number, content)) as partial:
         partial.write_bytes(content)
 
 
@@ -51,7 +51,7 @@ def _checksum(content: bytes) -> str:
 
 
 @contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def replace_whole_file(path: Path) -> Iterator[Path]:
     """A temporary file in the folder of `path`, renamed to `path` if the block succeeds, else removed.
 
     Raises InputError if the system refuses, such as for a full disk or missing permission.
@@ -80,7 +80,7 @@ def parts_done(folder: Path) -> set[int]:
 def remove_damaged_parts(folder: Path) -> int:
     """Remove parts that differ from their checksum, as after a loss of power; returns their number."""
     damaged = []
-    for path in (folder / PARTS).glob("part-*.parquet"):
+    for path in (folder / PARTS_FOLDER).glob("part-*.parquet"):
         if _checksum(path.read_bytes()) != path.stem.rpartition("-")[2]:
             damaged.append(path)
     for path in damaged:
@@ -90,11 +90,14 @@ def remove_damaged_parts(folder: Path) -> int:
 
 def _part_files(folder: Path) -> dict[int, Path]:
     """File of each existing part by its number."""
-    return {int(path.stem.split("-")[1]): path for path in (folder / PARTS).glob("part-*.parquet")}
+    return {
+        int(path.stem.split("-")[1]): path
+        for path in (folder / PARTS_FOLDER).glob("part-*.parquet")
+    }
 
 
-def put_together(folder: Path, parts: int) -> None:
-    """Write table.parquet and table.csv from parts 0 … `parts` - 1, one part in memory at a time.
+def put_together(folder: Path, count: int) -> None:
+    """Write table.parquet and table.csv from parts 0 … `count` - 1, one part in memory at a time.
 
     A column that some runs lack has empty cells. The rows are in order of the run numbers.
     """
@@ -103,10 +106,10 @@ def put_together(folder: Path, parts: int) -> None:
     import pyarrow.parquet as pq
 
     files = _part_files(folder)
-    paths = [files[number] for number in range(parts)]
+    paths = [files[number] for number in range(count)]
     schema = _schema(pa, (pq.read_schema(path) for path in paths))
     csv_schema = protect_text_columns(schema.empty_table()).schema
-    with whole(folder / TABLE) as table, whole(folder / CSV) as text:
+    with replace_whole_file(folder / TABLE) as table, replace_whole_file(folder / CSV) as text:
         with (
             pq.ParquetWriter(table, schema, write_page_checksum=True) as writer,
             pc.CSVWriter(text, csv_schema) as lines,

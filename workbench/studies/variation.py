@@ -161,9 +161,9 @@ def _set(keys: dict, path: str, value, name: str) -> None:
     *way, last = path.split(".")
     place = keys
     for part in way:
-        place = _inside(place, part, path, name)
+        place = _element(place, part, path, name)
     if isinstance(place, list):
-        _inside(place, last, path, name)
+        _element(place, last, path, name)
         place[int(last) - 1] = value
     elif isinstance(place, dict):
         place[last] = value
@@ -171,7 +171,7 @@ def _set(keys: dict, path: str, value, name: str) -> None:
         raise _nowhere(path, name, last)
 
 
-def _inside(place, part, path, name):
+def _element(place, part, path, name):
     if isinstance(place, list) and part.isdecimal() and 1 <= int(part) <= len(place):
         return place[int(part) - 1]
     if isinstance(place, dict):

@@ -48,9 +48,9 @@ _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count al
 class SurfaceLine:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
     `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `facing` (n,) cosine
-    between surface normal and line of sight; `away` (n,) mm from the middle of the light plane. Along the line: `tilt`
-    c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a and `brightening` (n,) 1/px of the logarithm
-    of that cosine.
+    between surface normal and line of sight; `offset` (n,) mm from the middle of the light plane. Along the line:
+    `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a and `brightening` (n,) 1/px of
+    the logarithm of that cosine.
     """
 
     slope: np.ndarray
@@ -58,7 +58,7 @@ class SurfaceLine:
     shade: np.ndarray
     lit: np.ndarray
     facing: np.ndarray
-    away: np.ndarray
+    offset: np.ndarray
     tilt: np.ndarray
     curve: np.ndarray
     widening: np.ndarray

@@ -87,10 +87,10 @@ def reach(opened: Opened, with_outer: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def _outline(pose: ArmPose) -> np.ndarray:
     """(3, k) mm: links, targets and the end of the sensor's field."""
-    parts = [pose.links, pose.targets]
+    point_sets = [pose.links, pose.targets]
     if pose.sensor is not None:
-        parts.append((pose.sensor[:3, 3] + SENSOR_DEPTH_MM * pose.sensor[:3, 2])[:, None])
-    return np.concatenate(parts, axis=1)
+        point_sets.append((pose.sensor[:3, 3] + SENSOR_DEPTH_MM * pose.sensor[:3, 2])[:, None])
+    return np.concatenate(point_sets, axis=1)
 
 
 def _outer_outline(opened: Opened, frame: np.ndarray) -> np.ndarray:

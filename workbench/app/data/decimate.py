@@ -14,31 +14,31 @@ _MOST_ORDERED = 50_000
 
 
 def thinned(
-    n: int, most: int = MOST_POINTS, important: np.ndarray | None = None, always=()
+    n: int, max_count: int = MOST_POINTS, important: np.ndarray | None = None, always=()
 ) -> np.ndarray:
-    """Indices, in order, of at most about `most` of n samples.
+    """Indices, in order, of at most about `max_count` of n samples.
 
     Half of them are the samples with the largest `important` (n,), so that no outlier is hidden, the others are
     spread evenly over the rows; `always` are added. Without `important` all are spread evenly.
     """
-    if n <= most:
+    if n <= max_count:
         return np.arange(n)
-    extra = np.asarray(list(always)[:most], int)
+    extra = np.asarray(list(always)[:max_count], int)
     if important is None:
-        even = np.linspace(0, n - 1, most).astype(int)
-        return np.union1d(even, extra)
-    return np.union1d(drawn_always(important, most), extra)
+        spaced = np.linspace(0, n - 1, max_count).astype(int)
+        return np.union1d(spaced, extra)
+    return np.union1d(drawn_always(important, max_count), extra)
 
 
-def drawn_always(important: np.ndarray, most: int) -> np.ndarray:
-    """About `most` indices of n samples: half evenly spread, half those with the largest `important` (n,)."""
+def drawn_always(important: np.ndarray, max_count: int) -> np.ndarray:
+    """About `max_count` indices of n samples: half evenly spread, half those with the largest `important` (n,)."""
     n = len(important)
-    if n <= most:
+    if n <= max_count:
         return np.arange(n)
-    even = np.linspace(0, n - 1, most // 2).astype(int)
+    spaced = np.linspace(0, n - 1, max_count // 2).astype(int)
     values = np.where(np.isfinite(important), important, -np.inf)
-    largest = np.argpartition(values, n - most // 2)[n - most // 2 :]
-    return np.union1d(even, largest)
+    largest = np.argpartition(values, n - max_count // 2)[n - max_count // 2 :]
+    return np.union1d(spaced, largest)
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def histogram(values: dict[str, np.ndarray], bins: int | None = None) -> Histogr
 
     bins: their number; where left out that of Rice's rule, 2 n^(1/3), with at most `MOST_BINS`.
     """
-    most = max((int(np.isfinite(row).sum()) for row in values.values()), default=1)
-    edges = _edges(most, [_largest(row) for row in values.values()], bins)
+    largest_count = max((int(np.isfinite(row).sum()) for row in values.values()), default=1)
+    edges = _edges(largest_count, [_largest(row) for row in values.values()], bins)
     counts = {name: np.histogram(row, edges)[0] for name, row in values.items()}
     return Histogram(edges, counts)
 
@@ -72,15 +72,15 @@ def histogram_without(ordered: dict[str, np.ndarray], left_out: dict[str, np.nda
     edges = _edges(max(counts_left, default=1), largest, None)
     counts = {}
     for name, row in ordered.items():
-        below = np.searchsorted(row, edges) - np.searchsorted(excluded_values[name], edges)
-        counts[name] = np.diff(below)
+        remaining = np.searchsorted(row, edges) - np.searchsorted(excluded_values[name], edges)
+        counts[name] = np.diff(remaining)
     return Histogram(edges, counts)
 
 
-def _edges(most: int, largest: list[float], bins: int | None) -> np.ndarray:
-    """(B + 1,) edges of bins from zero to the largest value; their number by Rice's rule for `most` values."""
+def _edges(count: int, largest: list[float], bins: int | None) -> np.ndarray:
+    """(B + 1,) edges of bins from zero to the largest value; their number by Rice's rule for `count` values."""
     if bins is None:
-        bins = int(np.clip(np.ceil(2 * most ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
+        bins = int(np.clip(np.ceil(2 * count ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
     finite = [value for value in largest if np.isfinite(value)]
     top = max(finite, default=1.0)
     return np.linspace(0.0, top * (1 + 1e-9) or 1.0, bins + 1)
@@ -93,10 +93,10 @@ def _largest(values: np.ndarray) -> float:
 
 def _largest_left(ordered: np.ndarray, excluded_values: np.ndarray) -> float:
     """The largest of the ascending values that are not among `gone`, ascending too; nan where none is left."""
-    at = len(ordered) - len(excluded_values)
-    if at == 0:
+    index = len(ordered) - len(excluded_values)
+    if index == 0:
         return np.nan
-    tail = ordered[at - 1 :]  # one more than are gone
+    tail = ordered[index - 1 :]  # one more than are gone
     missing = tail[1:] != excluded_values if len(excluded_values) else np.zeros(0, bool)
     last_kept = np.flatnonzero(missing)
     return float(tail[1 + last_kept[-1]]) if len(last_kept) else float(tail[0])
@@ -108,8 +108,8 @@ def bins_of(x: np.ndarray, bins: int = 24) -> np.ndarray:
     if not finite.any():
         return np.full(len(x), -1)
     bins = int(np.clip(finite.sum() // _LEAST_IN_BIN, 1, bins))
-    some = x[finite][thinned(int(finite.sum()), _MOST_ORDERED)]
-    edges = np.unique(np.quantile(some, np.linspace(0, 1, bins + 1)[1:-1]))
+    values = x[finite][thinned(int(finite.sum()), _MOST_ORDERED)]
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, bins + 1)[1:-1]))
     return np.where(finite, np.searchsorted(edges, x, side="right"), -1).astype(np.int8)
 
 
@@ -135,7 +135,7 @@ def means_of(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sum_x[filled] / count[filled], sum_y[filled] / count[filled]
 
 
-def within(
+def is_within_ranges(
     x: np.ndarray, y: np.ndarray, x_range: tuple[float, float], y_range: tuple[float, float]
 ) -> np.ndarray:
     """(n,) bool: which of all samples lie in a rectangle, also those that are not drawn."""

@@ -12,7 +12,7 @@ from workbench.core.text.csv_text import csv_text
 from workbench.explanation.sentences.words import measured
 from workbench.report.text import p_value
 
-_OUTSIDE = ("time", "noise", "samples")
+_NO_ELEMENTS = ("time", "noise", "samples")
 _SENSOR = ("artefact", "camera", "laser", "mirror", "sensor")
 PIXELS = "px"
 NEXT_POSES = "next-experiment-poses.csv"
@@ -48,8 +48,8 @@ def places(answer: Mapping, joints: int) -> list[Place]:
         arm = ["base", *(name for pair in pairs for name in pair)]
         order = [*arm, "flange", "tool", "sensor", "artefact", "external"]
     chain = [name for name in order if name in named or name in arm]
-    rest = sorted(named - set(order), key=lambda name: (name in _OUTSIDE, name))
-    return [_place(answer, name) for name in [*chain, *rest]]
+    unordered = sorted(named - set(order), key=lambda name: (name in _NO_ELEMENTS, name))
+    return [_place(answer, name) for name in [*chain, *unordered]]
 
 
 def _place(answer: Mapping, name: str) -> Place:
@@ -110,12 +110,12 @@ def evidence(term: Mapping) -> list[tuple[str, str]]:
     """Name and value of what speaks for a term."""
     unit = "mm" if "held_out_gain_mm" in term else "px"
     gain = term.get(f"held_out_gain_{unit}")
-    again = term.get("found_again") or term.get("reselected") or {}
+    reselection = term.get("found_again") or term.get("reselected") or {}
     rows = [
         ("p-value", p_value(term.get("p_value"))),
         ("reduction of the held-out RMS error", "–" if gain is None else f"{gain:.3g} {unit}"),
         ("t over poses", _rounded(term.get("t"), 1)),
-        ("reselected in folds", f"{again.get('folds', '–')} of {again.get('of', '–')}"),
+        ("reselected in folds", f"{reselection.get('folds', '–')} of {reselection.get('of', '–')}"),
     ]
     for control in term.get("controls", ()):
         passed = {True: "passed", False: "failed", None: "cannot decide"}[control["passed"]]

@@ -41,8 +41,8 @@ def effect_title(label: str, units: Units) -> str:
     found = _LABEL.fullmatch(label)
     if found is None or not found["options"]:
         return label
-    parts = [part.partition("=") for part in found["options"].split(", ")]
-    options = {key: value for key, _, value in parts}
+    options_of_title = [part.partition("=") for part in found["options"].split(", ")]
+    options = {key: value for key, _, value in options_of_title}
     words = []
     if {"start", "end"} <= options.keys():
         ends = [_value(key, options.pop(key), found["name"], units) for key in ("start", "end")]
@@ -76,9 +76,9 @@ def change_sentence(change: Change, units: Units) -> str:
     count = len(change.items)
     noun = change.kind if count != 1 else change.kind.removesuffix("s")
     shown = ", ".join(_shown(item, units) for item in change.items[:_MOST_SHOWN])
-    more = ", …" if count > _MOST_SHOWN else ""
+    ellipsis = ", …" if count > _MOST_SHOWN else ""
     because = f" ({change.why})" if change.why else ""
-    return f"{change.action} {count} {noun}: {shown}{more}{because}"
+    return f"{change.action} {count} {noun}: {shown}{ellipsis}{because}"
 
 
 def _shown(item: object, units: Units) -> str:

@@ -11,8 +11,8 @@ class Memo:
     thread, so that a click never waits for a preparation; the same result is then computed twice.
     """
 
-    def __init__(self, most: int):
-        self._most = most
+    def __init__(self, max_size: int):
+        self._most = max_size
         self._known: dict[tuple, object] = {}
         self._lock = Lock()
 

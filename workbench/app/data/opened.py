@@ -218,12 +218,12 @@ def summary(opened: Opened) -> str:
         if images and not len(opened.rows)
         else counted(len(opened.rows), "sample")
     )
-    parts = [opened.recording.measures, size]
+    phrases = [opened.recording.measures, size]
     answer = opened.answer or {}
     held_out = answer.get("held_out") or {}
-    for key, of in _FIGURES.items():
+    for key, quantity in _FIGURES.items():
         if isinstance(held_out, dict) and held_out.get(key) is not None:
             unit = key.rpartition("_")[2]
-            parts.append(f"held-out RMS{of} {held_out[key]:.4g} {unit}")
-    parts.append(f"run of {opened.command}" if opened.command else "no run yet")
-    return " · ".join(parts)
+            phrases.append(f"held-out RMS{quantity} {held_out[key]:.4g} {unit}")
+    phrases.append(f"run of {opened.command}" if opened.command else "no run yet")
+    return " · ".join(phrases)

@@ -109,8 +109,8 @@ def _angles(columns: Mapping[str, np.ndarray], kinds: Iterable[str]) -> dict[str
     """Kind -> (m,) deg: length of the rotation vector, or the angle between two directions."""
     found = {}
     for kind in kinds:
-        parts = [columns.get(f"{kind}_{axis}_deg") for axis in ("rx", "ry", "rz", "axis")]
-        known = [part for part in parts if part is not None]
+        components = [columns.get(f"{kind}_{axis}_deg") for axis in ("rx", "ry", "rz", "axis")]
+        known = [part for part in components if part is not None]
         if known:
             found[kind] = np.sqrt((np.stack(known) ** 2).sum(0))
     return found

@@ -92,9 +92,9 @@ def _deviation(points: np.ndarray, balls) -> np.ndarray:
     nearest = np.full(points.shape[1], np.nan)
     for ball in balls:
         centre = np.array([[ball[f"{axis}_mm"]] for axis in "xyz"])
-        off = np.sqrt(((points - centre) ** 2).sum(0)) - ball["radius_mm"]
-        closer = (np.abs(off) < _SHELL_MM) & ~(np.abs(nearest) <= np.abs(off))
-        nearest = np.where(closer, off, nearest)
+        distances = np.sqrt(((points - centre) ** 2).sum(0)) - ball["radius_mm"]
+        closer = (np.abs(distances) < _SHELL_MM) & ~(np.abs(nearest) <= np.abs(distances))
+        nearest = np.where(closer, distances, nearest)
     return nearest
 
 

@@ -45,9 +45,11 @@ class Summaries:
             return np.zeros(len(self.opened.rows))
         return residuals.lengths[kind] if kind in residuals.lengths else residuals.shown
 
-    def drawn(self, most: int, kind: str = "") -> np.ndarray:
-        """Rows that a figure of at most about `most` marks shows: the largest, and some evenly spread."""
-        return self.memo.get(("drawn", most, kind), lambda: drawn_always(self.lengths(kind), most))
+    def drawn(self, max_count: int, kind: str = "") -> np.ndarray:
+        """Rows that a figure of at most about `max_count` marks shows: the largest, and some evenly spread."""
+        return self.memo.get(
+            ("drawn", max_count, kind), lambda: drawn_always(self.lengths(kind), max_count)
+        )
 
     def sorted_lengths(self, kind: str) -> np.ndarray:
         """(k,) mm, ascending: all finite lengths of a kind."""

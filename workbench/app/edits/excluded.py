@@ -31,16 +31,16 @@ class Excluded:
         return self.numbers[0]
 
 
-def excluded_items(session: Session, recording, most: int | None = None) -> list[Excluded]:
+def excluded_items(session: Session, recording, max_count: int | None = None) -> list[Excluded]:
     """Excluded samples, then excluded poses, each in ascending order of their numbers.
 
-    most: largest number of samples and of poses that are listed, None for all. A selection in a plot may exclude a
+    max_count: largest number of samples and of poses that are listed, None for all. A selection in a plot may exclude a
     million; a list shows a hundred.
     """
-    numbers = sorted(session.excluded(SAMPLES))[:most]
+    numbers = sorted(session.excluded(SAMPLES))[:max_count]
     reasons = _reasons(session, SAMPLES, numbers)
     samples = [Excluded(SAMPLES, (number,), (number,), reasons[number]) for number in numbers]
-    return samples + _excluded_poses(session, recording, most)
+    return samples + _excluded_poses(session, recording, max_count)
 
 
 def excluded_numbers(session: Session, recording) -> np.ndarray:
@@ -76,18 +76,18 @@ def _given_poses(session: Session, recording) -> tuple[np.ndarray, np.ndarray]:
     return given[is_there][order], recording.poses[rows[is_there][order]]
 
 
-def _excluded_poses(session: Session, recording, most: int | None) -> list[Excluded]:
-    """One item for each excluded pose, by the first number that was given for it; the first `most` poses."""
+def _excluded_poses(session: Session, recording, max_count: int | None) -> list[Excluded]:
+    """One item for each excluded pose, by the first number that was given for it; the first `max_count` poses."""
     given, given_labels = _given_poses(session, recording)
-    in_order = list(dict.fromkeys(given_labels.tolist()))[:most]
+    in_order = list(dict.fromkeys(given_labels.tolist()))[:max_count]
     if not in_order:
         return []
     labels = recording.poses
     is_listed = np.zeros(labels.max() + 1, bool)
     is_listed[in_order] = True
-    here = np.flatnonzero(is_listed[labels])
+    listed_samples = np.flatnonzero(is_listed[labels])
     is_shown = is_listed[given_labels]
-    samples_at = _numbers_by_label(labels[here], recording.sample_ids[here])
+    samples_at = _numbers_by_label(labels[listed_samples], recording.sample_ids[listed_samples])
     given_at = _numbers_by_label(given_labels[is_shown], given[is_shown])
     reasons = _reasons(session, POSES, given[is_shown].tolist())
     found = []

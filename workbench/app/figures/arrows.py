@@ -75,12 +75,12 @@ def add_needles(plot: go.Figure, needles: Needles, diagonal: float, **options) -
 
 def corners(points: np.ndarray, vectors: np.ndarray, radius: float) -> np.ndarray:
     """(3, 4 k) mm: three corners around each measured point (3, k), across its vector (3, k), and the tip."""
-    least = np.argmin(np.abs(vectors), axis=0)
-    across = _unit(np.cross(vectors.T, np.eye(3)[least]).T, fallback=(1.0, 0.0, 0.0))
-    other = _unit(np.cross(vectors.T, across.T).T, fallback=(0.0, 1.0, 0.0))
+    smallest_axis = np.argmin(np.abs(vectors), axis=0)
+    perpendicular = _unit(np.cross(vectors.T, np.eye(3)[smallest_axis]).T, fallback=(1.0, 0.0, 0.0))
+    other = _unit(np.cross(vectors.T, perpendicular.T).T, fallback=(0.0, 1.0, 0.0))
     ring = []
     for angle in 2 * np.pi * np.arange(3) / 3:
-        ring.append(points + radius * (np.cos(angle) * across + np.sin(angle) * other))
+        ring.append(points + radius * (np.cos(angle) * perpendicular + np.sin(angle) * other))
     return np.stack([*ring, points + vectors], axis=2).reshape(3, -1)
 
 

@@ -50,9 +50,9 @@ def bars(work: Workspace) -> go.Figure:
             ),
             hovertemplate="%{text}: %{y:.4f} " + unit + "<extra>" + label + "</extra>",
         )
-    every = -(-len(errors) // _NAMED) or 1
+    tick_step = -(-len(errors) // _NAMED) or 1
     short = [style.plain(Path(error.name).stem) for error in errors]
-    plot.update_xaxes(tickvals=places[::every], ticktext=short[::every])
+    plot.update_xaxes(tickvals=places[::tick_step], ticktext=short[::tick_step])
     return plot.update_layout(barmode="group", bargap=0.25)
 
 
@@ -60,16 +60,16 @@ def scene(work: Workspace) -> go.Figure:
     """Flange of all samples; frame, camera and board at the current one; the board or the ball that was seen."""
     opened = work.opened
     plot = style.space("recording")
-    every = flange_poses_of(opened)[opened.rows]
+    flange_poses = flange_poses_of(opened)[opened.rows]
     drawn = thinned(work.count, _MOST_FLANGES)
-    around = every[np.union1d(thinned(work.count, _MOST_CAMERAS), [work.current])]
-    now = every[work.current : work.current + 1]
-    found = placed(opened, around)
+    nearby_poses = flange_poses[np.union1d(thinned(work.count, _MOST_CAMERAS), [work.current])]
+    now = flange_poses[work.current : work.current + 1]
+    found = placed(opened, nearby_poses)
     current = placed(opened, now)
-    _flanges(plot, work, drawn, every[drawn, :3, 3].T)
-    size = _distance(every, current)
+    _flanges(plot, work, drawn, flange_poses[drawn, :3, 3].T)
+    size = _distance(flange_poses, current)
     shapes = _Shapes(opened, size)
-    seen = [every[drawn, :3, 3].T]
+    seen = [flange_poses[drawn, :3, 3].T]
     if found is not None:
         seen += shapes.add(plot, found, "camera of each pose", style.GREY, 1)
         shapes.add(plot, current, "camera at the current sample", style.VIOLET, 4)
@@ -104,25 +104,25 @@ class _Shapes:
         )
         self.board = _outline(opened.recording.board)
 
-    def add(self, plot: go.Figure, at: Placed, name: str, colour: str, width: float) -> list:
+    def add(self, plot: go.Figure, placed: Placed, name: str, colour: str, width: float) -> list:
         """Draw camera and board; list of (3, k) mm that the view has to hold."""
-        path = moved(at.sensors, self.camera)
+        path = moved(placed.sensors, self.camera)
         lines(plot, path, name, colour, width)
         seen = [path.reshape(-1, 3).T]
-        if at.boards is not None and self.board is not None:
-            path = moved(at.boards, self.board)
+        if placed.boards is not None and self.board is not None:
+            path = moved(placed.boards, self.board)
             is_current = width > 1
             lines(plot, path, "board" if is_current else "", style.ORANGE, 4 if is_current else 1)
             plot.data[-1].showlegend = is_current
             seen.append(path.reshape(-1, 3).T)
-        if at.ball is not None and width > 1:
-            x, y, z = at.ball[:, None]
+        if placed.ball is not None and width > 1:
+            x, y, z = placed.ball[:, None]
             marker = dict(size=8, color=style.ORANGE)
             plot.add_scatter3d(
                 x=x, y=y, z=z, mode="markers", name="ball", hoverinfo="skip", marker=marker
             )
-        if at.ball is not None:
-            seen.append(at.ball[:, None])
+        if placed.ball is not None:
+            seen.append(placed.ball[:, None])
         return seen
 
 

@@ -341,10 +341,10 @@ def comparison(work: Workspace) -> go.Figure:
         is_baseline = name == "before" and "before" in known  # of a diagnosis
         lengths = np.sort(known["before"] if is_baseline else run.residuals.shown)
         lengths = lengths[np.isfinite(lengths)]
-        at = thinned(len(lengths), 500)
-        share = (at + 1) / max(len(lengths), 1)
+        indices = thinned(len(lengths), 500)
+        share = (indices + 1) / max(len(lengths), 1)
         plot.add_scatter(
-            x=lengths[at], y=share, mode="lines", name=name, line=dict(color=colour, width=2.5)
+            x=lengths[indices], y=share, mode="lines", name=name, line=dict(color=colour, width=2.5)
         )
     plot.update_yaxes(tickformat=".0%")
     return plot

@@ -19,7 +19,7 @@ from workbench.app.figures import style
 from workbench.app.figures.overlay import Overlay
 from workbench.app.workspace import Workspace
 
-_ACROSS = 3
+_SPREAD_FACTOR = 3
 _MOST_AROUND = 800
 """More points hide the arm among them."""
 
@@ -176,11 +176,11 @@ def coverage(work: Workspace) -> go.Figure:
     views = [("x", "y"), ("x", "z")] if has_arm(work.opened) else []
     titles = [_range_title(joint) for joint in joints]
     titles += [f"flange: {b} over {a} (mm)" for a, b in views]
-    rows = max(-(-len(titles) // _ACROSS), 1)
+    rows = max(-(-len(titles) // _SPREAD_FACTOR), 1)
     ground = go.Figure(layout=dict(template=style.TEMPLATE))
     plot = make_subplots(
         rows,
-        _ACROSS,
+        _SPREAD_FACTOR,
         subplot_titles=titles,
         vertical_spacing=0.16,
         horizontal_spacing=0.08,
@@ -189,7 +189,7 @@ def coverage(work: Workspace) -> go.Figure:
     for k, joint in enumerate(joints):
         middle = (joint["edges"][:-1] + joint["edges"][1:]) / 2
         bars = dict(x=middle, y=joint["counts"], marker_color=style.BLUE, showlegend=False)
-        plot.add_bar(**bars, row=k // _ACROSS + 1, col=k % _ACROSS + 1)
+        plot.add_bar(**bars, row=k // _SPREAD_FACTOR + 1, col=k % _SPREAD_FACTOR + 1)
     limits = [
         _limit(k, limit) for k, joint in enumerate(joints) for limit in _finite(joint["limits"])
     ]
@@ -198,7 +198,7 @@ def coverage(work: Workspace) -> go.Figure:
     plot.update_xaxes(nticks=4, tickangle=0, ticklabelstandoff=3)
     plot.update_yaxes(nticks=4, ticklabelstandoff=4)
     for place in range(len(joints), len(titles)):  # a flat subplot has room for one tick of four
-        plot.update_yaxes(nticks=6, row=place // _ACROSS + 1, col=place % _ACROSS + 1)
+        plot.update_yaxes(nticks=6, row=place // _SPREAD_FACTOR + 1, col=place % _SPREAD_FACTOR + 1)
     plot.update_annotations(font_size=12)
     return plot.update_layout(
         shapes=limits,
@@ -244,6 +244,6 @@ def _workspace(plot: go.Figure, work: Workspace, first: int, views) -> None:
             marker=dict(size=3, color=style.BLUE, opacity=0.4),
             showlegend=False,
             hoverinfo="skip",
-            row=k // _ACROSS + 1,
-            col=k % _ACROSS + 1,
+            row=k // _SPREAD_FACTOR + 1,
+            col=k % _SPREAD_FACTOR + 1,
         )

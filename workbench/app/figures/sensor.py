@@ -24,7 +24,7 @@ _FROM_SENSOR = dict(
     eye=dict(x=0.95, y=-0.5, z=-2.1), up=dict(x=0, y=-1, z=0), center=dict(x=0, y=0.12, z=0)
 )
 """The view from the sensor, whose z axis points to the object; low enough for the title of the lowest axis."""
-_WHOLE = dict(eye=dict(x=1.8, y=-1.9, z=0.8), center=dict(x=0, y=0, z=-0.1))
+_OVERVIEW = dict(eye=dict(x=1.8, y=-1.9, z=0.8), center=dict(x=0, y=0, z=-0.1))
 
 
 def image(shown: Overlay, residual: np.ndarray | None = None) -> go.Figure:
@@ -77,16 +77,16 @@ def error_bars(errors: Sequence[ImageError], chosen: int, excluded: Collection[s
         ),
         hovertemplate="%{text}: %{y:.4f} px<extra></extra>",
     )
-    together = float(np.sqrt(np.mean([error.rms**2 for error in errors])))
+    overall = float(np.sqrt(np.mean([error.rms**2 for error in errors])))
     plot.add_hline(
-        y=together,
+        y=overall,
         line=dict(color=style.ORANGE, width=2, dash="dash"),
-        annotation_text=f"all images: {together:.4g} px",
+        annotation_text=f"all images: {overall:.4g} px",
         annotation_position="top right",
     )
-    every = -(-len(errors) // _NAMED) or 1
+    tick_step = -(-len(errors) // _NAMED) or 1
     names = [style.plain(Path(error.name).stem) for error in errors]
-    plot.update_xaxes(tickvals=places[::every], ticktext=names[::every])
+    plot.update_xaxes(tickvals=places[::tick_step], ticktext=names[::tick_step])
     return plot.update_layout(showlegend=False, bargap=0.25)
 
 
@@ -126,15 +126,15 @@ def _reprojection(plot, corners: np.ndarray, residual: np.ndarray) -> None:
 def planes(opened: Opened) -> go.Figure:
     """Light planes within the camera's field, the camera as a pyramid, and the mirror's axis."""
     plot = style.space("planes")
-    plot.update_layout(scene_camera=_WHOLE)
+    plot.update_layout(scene_camera=_OVERVIEW)
     scanner = scanner_of(opened)
     if scanner is None:
         return plot
-    near, far = scanner.volume if scanner.volume is not None else (100.0, 200.0)
+    near_limit, far_limit = scanner.volume if scanner.volume is not None else (100.0, 200.0)
     space.light_planes(
-        plot, space.patches(scanner.planes, scanner.camera, near, far), "light planes"
+        plot, space.patches(scanner.planes, scanner.camera, near_limit, far_limit), "light planes"
     )
-    space.lines(plot, space.pyramid(scanner.camera, near)[None], "camera", style.INK, 3)
+    space.lines(plot, space.pyramid(scanner.camera, near_limit)[None], "camera", style.INK, 3)
     if scanner.mirror is not None:
         axis = np.asarray(scanner.mirror.axis)
         point = np.asarray(scanner.mirror.point)
@@ -150,11 +150,13 @@ def cloud(opened: Opened, place: int) -> go.Figure:
     found = cloud_of(opened, place)
     if found is None:
         return plot
-    on = np.isfinite(found.deviation)
-    if (~on).any():
-        space.points(plot, found.points[:, ~on], "not on a ball", size=1.6, color=style.GREY)
-    if on.any():
-        _deviations(plot, found.points[:, on], 1000 * found.deviation[on])
+    is_on_ball = np.isfinite(found.deviation)
+    if (~is_on_ball).any():
+        space.points(
+            plot, found.points[:, ~is_on_ball], "not on a ball", size=1.6, color=style.GREY
+        )
+    if is_on_ball.any():
+        _deviations(plot, found.points[:, is_on_ball], 1000 * found.deviation[is_on_ball])
     for ball in found.balls:
         centre = np.array([ball["x_mm"], ball["y_mm"], ball["z_mm"]])
         space.ball(plot, centre, ball["radius_mm"], ball_name(ball))
@@ -188,22 +190,22 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
     found = cloud_of(opened, place)
     if found is None:
         return plot
-    on = np.isfinite(found.deviation)
-    points = found.points[:, on]
-    deviation = 1000 * found.deviation[on]
+    is_on_ball = np.isfinite(found.deviation)
+    points = found.points[:, is_on_ball]
+    deviation = 1000 * found.deviation[is_on_ball]
     top = _colour_range(deviation)
     for ball in found.balls:
-        angles, near = _directions(points, ball)
+        angles, is_near = _directions(points, ball)
         plot.add_scattergl(
             x=np.round(angles[0], 2),
             y=np.round(angles[1], 2),
             mode="markers",
             name=ball_name(ball),
-            customdata=np.round(deviation[near], 2),
+            customdata=np.round(deviation[is_near], 2),
             hovertemplate="%{customdata} µm<extra></extra>",
             marker=dict(
                 size=6,
-                color=deviation[near],
+                color=deviation[is_near],
                 colorscale=_SIGNED,
                 cmin=-top,
                 cmax=top,
@@ -218,9 +220,9 @@ def _directions(points: np.ndarray, ball: Mapping) -> tuple[np.ndarray, np.ndarr
     centre = np.array([[ball["x_mm"]], [ball["y_mm"]], [ball["z_mm"]]])
     displacement = points - centre
     length = np.linalg.norm(displacement, axis=0)
-    near = np.abs(length - ball["radius_mm"]) < _NEAR_MM
-    unit = displacement[:, near] / length[near]
-    return np.rad2deg(np.arctan2(unit[:2], -unit[2])), near
+    is_near = np.abs(length - ball["radius_mm"]) < _NEAR_MM
+    unit = displacement[:, is_near] / length[is_near]
+    return np.rad2deg(np.arctan2(unit[:2], -unit[2])), is_near
 
 
 def _colour_range(deviation: np.ndarray) -> float:

@@ -21,22 +21,22 @@ _FIELD_RAD = np.pi / 4
 _GREY = "#d4d4d8"
 
 
-def still(plot: go.Figure, overlay: Overlay | None = None) -> str:
+def static_image(plot: go.Figure, overlay: Overlay | None = None) -> str:
     """Address (data:) of an SVG image of the lines and marks of a framed scene, seen from its camera."""
     view = _View(plot.layout.scene)
-    parts = [_box(view)]
-    above = [] if overlay is None else [go.Scatter3d(**trace) for trace in overlay.traces]
-    for trace in [*plot.data, *above]:
+    elements = [_box(view)]
+    overlay_traces = [] if overlay is None else [go.Scatter3d(**trace) for trace in overlay.traces]
+    for trace in [*plot.data, *overlay_traces]:
         if len(trace.x):
-            parts += _needles(view, trace) if trace.type == "mesh3d" else _marks(view, trace)
+            elements += _needles(view, trace) if trace.type == "mesh3d" else _marks(view, trace)
     title = escape(plot.layout.title.text or "")
-    parts.append(
+    elements.append(
         f'<text x="{8 - WIDTH / 2}" y="{16 - HEIGHT / 2}" font-size="12" fill="{INK}">{title}</text>'
     )
     frame = f"{-WIDTH / 2} {-HEIGHT / 2} {WIDTH} {HEIGHT}"
     text = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{frame}" font-family="Arial, sans-serif" '
-        f'fill="none" stroke-linecap="round">{"".join(parts)}</svg>'
+        f'fill="none" stroke-linecap="round">{"".join(elements)}</svg>'
     )
     return "data:image/svg+xml;base64," + b64encode(text.encode()).decode()
 
@@ -50,11 +50,11 @@ class _View:
         self.ratio = _vector(scene.aspectratio)
         eye = _vector(scene.camera.eye)
         centre = _vector(scene.camera.center)
-        back = (eye - centre) / np.linalg.norm(eye - centre)
-        right = np.cross([0.0, 0.0, 1.0], back)
+        backward = (eye - centre) / np.linalg.norm(eye - centre)
+        right = np.cross([0.0, 0.0, 1.0], backward)
         right /= np.linalg.norm(right)
         self.eye = eye
-        self.rotation = np.stack([right, np.cross(back, right), back])
+        self.rotation = np.stack([right, np.cross(backward, right), backward])
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """(2, n) positions in the image of points (3, n) mm; y points down."""
@@ -89,18 +89,18 @@ def _needles(view: _View, trace) -> list[str]:
 def _marks(view: _View, trace) -> list[str]:
     """Lines and discs of one trace, in few colours so that few elements are drawn."""
     places = view.project(np.array([trace.x, trace.y, trace.z], float))
-    parts = []
+    elements = []
     if "lines" in trace.mode:
         width = 0.6 * (trace.line.width or 2)
         for colour, chosen in _classes(trace.line, len(places[0])):
-            parts.append(_element(_path(places[:, chosen]), colour, width))
+            elements.append(_element(_path(places[:, chosen]), colour, width))
     if "markers" in trace.mode:
         size = trace.marker.size or 4
         for colour, chosen in _classes(trace.marker, len(places[0])):
             dots = np.repeat(places[:, chosen], 3, axis=1)
             dots[:, 2::3] = np.nan
-            parts.append(_element(_path(dots), colour, size))
-    return parts
+            elements.append(_element(_path(dots), colour, size))
+    return elements
 
 
 def _element(path: str, colour: str, width: float) -> str:
@@ -109,15 +109,15 @@ def _element(path: str, colour: str, width: float) -> str:
 
 def _path(places: np.ndarray) -> str:
     """SVG path through places (2, n); nan lifts the pen."""
-    parts = []
+    commands = []
     pen = "M"
     for x, y in places.T.tolist():
         if x != x:
             pen = "M"
             continue
-        parts.append(f"{pen}{x:.1f} {y:.1f}")
+        commands.append(f"{pen}{x:.1f} {y:.1f}")
         pen = "L"
-    return "".join(parts)
+    return "".join(commands)
 
 
 def _classes(style, n: int):

@@ -18,7 +18,7 @@ TEMPLATE = dict(layout=dict(xaxis=_AXIS, yaxis=_AXIS, hovermode="closest"))
 """What all figures share. A template of plotly takes 12 ms to copy into a figure, this one less than 1 ms."""
 
 
-def plane(across: str, up: str, view: str) -> go.Figure:
+def plane(x_title: str, y_title: str, view: str) -> go.Figure:
     """An empty figure with two axes titled with their units. view: keeps zoom while it stays the same."""
     return go.Figure(
         layout=dict(
@@ -27,8 +27,8 @@ def plane(across: str, up: str, view: str) -> go.Figure:
             margin=dict(l=60, r=12, t=28, b=48),
             uirevision=view,
             legend=dict(orientation="h", x=0, y=1.01, yanchor="bottom"),
-            xaxis=dict(title=dict(text=across)),
-            yaxis=dict(title=dict(text=up)),
+            xaxis=dict(title=dict(text=x_title)),
+            yaxis=dict(title=dict(text=y_title)),
         )
     )
 

@@ -15,7 +15,7 @@ from trame.widgets import html, plotly
 from trame.widgets import vuetify3 as v3
 
 from workbench.app.figures.overlay import Overlay
-from workbench.app.figures.still import still
+from workbench.app.figures.still import static_image
 from workbench.app.ui.attributes import raw
 from workbench.app.ui.mark import build_mark, set_mark
 from workbench.app.ui.overlay import build_overlay, set_overlay
@@ -308,7 +308,7 @@ class Tab:
         if not self.page.has_drawn:
             self.page.has_drawn = True
             key = f"still_{name}"
-            self.queue(key, lambda: self.state.update({key: still(*make())}))
+            self.queue(key, lambda: self.state.update({key: static_image(*make())}))
 
     def draw_sequentially(self, **makers: Callable) -> None:
         """Make and send figures one after another in the background, in the order given.

@@ -16,16 +16,16 @@ def command(
     Exit status 1 if data are missing that the intended command requires.
     """
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.recordings.inspection import inspect_recording
 
-        inspected = inspect_recording(datasets.read(recording, trust_data), say)
+        inspected = inspect_recording(datasets.read(recording, trust_data), progress)
         if not no_report:
             from workbench.report import inspection
             from workbench.report.page import write_sheet
 
-            say("writing the report")
+            progress("writing the report")
             write_sheet(inspection.page(inspected), run.partial)
         return {"recording": recording, **inspected.as_json()}
 
@@ -39,7 +39,7 @@ def _show(console, result) -> None:
     for joint in joints:
         unit = joint["joint"].rpartition("_")[2]
         share = joint["share_of_limits"]
-        cells = [float(joint[f"{what}_{unit}"]) for what in ("min", "max", "range")]
+        cells = [float(joint[f"{limit}_{unit}"]) for limit in ("min", "max", "range")]
         rows.append([joint["joint"], *cells, "–" if share is None else f"{100 * share:.0f} %"])
     if rows:
         tables.grid(console, title, ["joint", "min", "max", "range", "of limits"], rows)

@@ -44,13 +44,13 @@ def command(
     with runs.opened("demo", name, out) as run:
         rendered = None
         if images:
-            with answer.progress("rendering images") as say:
-                rendered = _from_images(run, say)
+            with answer.progress("rendering images") as progress:
+                rendered = _from_images(run, progress)
             _show(console, rendered)
         (run.partial / TRACKER).mkdir()
-        with answer.progress(f"calibrating {name}") as say:
+        with answer.progress(f"calibrating {name}") as progress:
             table = calibration_run.solve_into(
-                run.partial / TRACKER, run.path / TRACKER, recording, name, {}, say, True
+                run.partial / TRACKER, run.path / TRACKER, recording, name, {}, progress, True
             )
             _front(run.partial, rendered, table, why)
         result = {**table, "command": "demo", "from_pictures": rendered, "run": run.path}
@@ -85,7 +85,7 @@ def scene() -> Path:
     return Path(str(resources.files("workbench").joinpath("files", "demo_scenes", SCENE)))
 
 
-def _from_images(run: runs.Run, say) -> dict:
+def _from_images(run: runs.Run, progress) -> dict:
     """Rendered images -> scanner -> clouds -> ball centres -> arm, and the error against the truth."""
     import datasets
     from workbench.files.images.ground_truth import centre_errors
@@ -93,10 +93,12 @@ def _from_images(run: runs.Run, say) -> dict:
 
     folder, place = run.partial / RENDERED, run.path / RENDERED
     folder.mkdir()
-    truth = render(scene(), folder / IMAGES, say)["truth"]
+    truth = render(scene(), folder / IMAGES, progress)["truth"]
     runs.replace_file(folder / "truth.json", answer.as_text(truth))
     found = datasets.read(folder / IMAGES)
-    calibration = calibration_run.solve_into(folder, place, found, "rendered images", {}, say, True)
+    calibration = calibration_run.solve_into(
+        folder, place, found, "rendered images", {}, progress, True
+    )
     return {
         **calibration,
         "recording": str(place / IMAGES),

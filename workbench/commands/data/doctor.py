@@ -28,7 +28,7 @@ def _show(console, checks, result) -> None:
         if check.advice and not check.ok:
             console.print(f"           {check.advice}", markup=False, soft_wrap=True)
     last = "All requirements are met." if result["healthy"] else "A requirement is missing."
-    without = [check.name for check in checks if check.name in OPTIONAL and not check.ok]
-    if without:
-        last += f" Optional packages are missing: {', '.join(without)}; the lines above say which command needs them."
+    missing = [check.name for check in checks if check.name in OPTIONAL and not check.ok]
+    if missing:
+        last += f" Optional packages are missing: {', '.join(missing)}; the lines above say which command needs them."
     console.print(last, soft_wrap=True)

@@ -239,8 +239,11 @@ def _guessed(found, options):
     if not _is_robot(found) or _is_complete(found.mapping):
         return found, ()
     try:
-        with answer.progress("testing columns on the robot") as say, limited(_GUESS_S, say):
-            mapping, notes = with_unnamed_columns(found, replace(options, ask=None), say)
+        with (
+            answer.progress("testing columns on the robot") as progress,
+            limited(_GUESS_S, progress),
+        ):
+            mapping, notes = with_unnamed_columns(found, replace(options, ask=None), progress)
     except (InputError, OutOfTime):
         return found, ()
     if not notes:
@@ -275,8 +278,8 @@ def _import(sources: Sequence[Path], out: Path, options, json: str | None, yes: 
     if asks:
         result = import_recording(sources, out, options)
     else:
-        with answer.progress("importing") as say:
-            result = import_recording(sources, out, options, say)
+        with answer.progress("importing") as progress:
+            result = import_recording(sources, out, options, progress)
     summary = {"command": "import", "sources": list(sources), **result.as_json(), "folder": out}
     import_dialogue.show(console, summary, result)
     if asks and not import_dialogue.is_confirmed():

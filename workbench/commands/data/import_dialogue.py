@@ -62,17 +62,18 @@ def next_lines(result, sources: Sequence[Path], folder: Path, options) -> list[s
     options: `ImportOptions`.
     """
     command = next_command(result.recording, folder)
-    if not result.doubts:
+    if not result.suspicions:
         return [f"Next: {command}"]
-    count = len(result.doubts)
+    count = len(result.suspicions)
     warned = "the warning" if count == 1 else f"each of the {count} warnings"
     from workbench.recordings.importing.chain import repeated_options
 
     same_options = repeated_options(options, folder / "import.toml")
-    again = shlex.join(["workbench", "import", *map(str, sources), *same_options])
+    repeat_command = shlex.join(["workbench", "import", *map(str, sources), *same_options])
     return [
         f"First: do what {warned} above asks for, and repeat the import "
-        f"({again} --out NEW-DIR), or make sure that the data are right. `workbench check {folder}` shows them.",
+        f"({repeat_command} --out NEW-DIR), or make sure that the data are right. "
+        f"`workbench check {folder}` shows them.",
         f"Then: {command}",
     ]
 
@@ -121,8 +122,10 @@ def _fits(console, conventions: Sequence[Mapping], measures: str) -> None:
     )
     tables.grid(console, head, list(keys), fits)
     if len(conventions) > len(fits):
-        more = len(conventions) - len(fits)
-        console.print(f"{more} other interpretations fit worse; --json lists all.", markup=False)
+        unlisted_count = len(conventions) - len(fits)
+        console.print(
+            f"{unlisted_count} other interpretations fit worse; --json lists all.", markup=False
+        )
 
 
 def _mapping_rows(mapping: Mapping):
@@ -147,9 +150,9 @@ def _duration(seconds: float) -> str:
     size = abs(seconds)
     if size >= _YEAR_S:
         return "of the missing date"
-    for least, unit in ((86400.0, "d"), (3600.0, "h"), (1.0, "s")):
-        if size >= least:
-            return f"{seconds / least:.6g} {unit}"
+    for unit_seconds, unit in ((86400.0, "d"), (3600.0, "h"), (1.0, "s")):
+        if size >= unit_seconds:
+            return f"{seconds / unit_seconds:.6g} {unit}"
     return f"{1e3 * seconds:.4g} ms"
 
 

@@ -32,10 +32,10 @@ def command(
 ) -> None:
     """Write a template of a recording: files with a comment on every key, and simulated rows to replace with yours."""
     answer.check_target(json)
-    with answer.progress(f"writing {folder}") as say:
+    with answer.progress(f"writing {folder}") as progress:
         from workbench.recordings.templates import write_template
 
-        template = write_template(kind, folder, robot, say)
+        template = write_template(kind, folder, robot, progress)
     result = {
         "command": "new",
         "measures": template.measures,

@@ -51,21 +51,21 @@ def command(
     same command.
     """
     answer.check_target(json)
-    with answer.progress("creating cases") as say:
+    with answer.progress("creating cases") as progress:
         from workbench.files import runs
         from workbench.proving import prove
 
         place = out or prove.default_folder(seed, folder)
-        board = prove.prove(place, suite or (), cases, seed, folder, jobs, say, minutes)
+        board = prove.prove(place, suite or (), cases, seed, folder, jobs, progress, minutes)
         result = {**board.as_json(), "run": place.resolve()}
         runs.replace_file(place / "answer.json", answer.as_text(result))
         if not no_report:
-            say("writing the scoreboard")
+            progress("writing the scoreboard")
             from workbench.report.scoreboard.html_page import write_scoreboard
 
             write_scoreboard(board, place)
         if page:
-            say(f"writing {page}")
+            progress(f"writing {page}")
             from workbench.report.scoreboard.markdown_page import write_page
 
             write_page(board, place, page)

@@ -45,28 +45,28 @@ def command(
     if run is not None:
         _alone(study, run, json)
         return
-    with answer.progress(f"reading {study}") as say:
+    with answer.progress(f"reading {study}") as progress:
         from workbench.studies.study import carried_out
 
         def close(study_run, place, tell):
             _close(study_run, place, tell, no_report)
 
-        finished = carried_out(study, out, workers, scheduler, say, close)
+        finished = carried_out(study, out, workers, scheduler, progress, close)
     _deliver(finished, json)
 
 
-def _close(study_run, place: Path, say, no_report: bool) -> None:
+def _close(study_run, place: Path, progress, no_report: bool) -> None:
     """Write answer.json and the report page into the folder of a study with a finished table."""
     from workbench.studies.summary import summary
 
-    say("computing the summary")
+    progress("computing the summary")
     found = summary(study_run)
     runs.replace_file(study_run.path / "answer.json", answer.as_text({**found, "run": place}))
     if not no_report:
         from workbench.report.page import write_sheet
         from workbench.report.study.page import page
 
-        say("writing the report")
+        progress("writing the report")
         write_sheet(page(study_run, found), study_run.path)
 
 
@@ -86,8 +86,10 @@ def _deliver(finished, json: str | None) -> None:
     title = f"{found['title']}: {found['done']:,} of {found['runs']:,} runs done"
     tables.grid(console, title, ["column", "runs", "mean", "std", "5 %", "median", "95 %"], rows)
     if len(shown) < len(found["columns"]):
-        rest = len(found["columns"]) - len(shown)
-        console.print(f"{rest} more columns are in table.csv and on the report page.", markup=False)
+        unlisted_count = len(found["columns"]) - len(shown)
+        console.print(
+            f"{unlisted_count} more columns are in table.csv and on the report page.", markup=False
+        )
     for sentence in found["sentences"]:
         console.print(sentence, markup=False)
     answer.last_line(console, finished.path)

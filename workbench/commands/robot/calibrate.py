@@ -92,7 +92,7 @@ def command(
         raise InputError(
             "workbench calibrate: expected a recording or --session FILE, found neither; name one."
         )
-    with answer.progress(f"reading {recording}") as say:
+    with answer.progress(f"reading {recording}") as progress:
         import datasets
 
         found = datasets.read(recording, trust_data)
@@ -106,7 +106,9 @@ def command(
             plan=stages, fit_samples=fit, test_samples=test, folds=folds, trust_data=trust_data
         )
         check_scanner(found, scanner)
-        result, run = solve(found, recording, options, say, out, not no_report, scanner, tolerances)
+        result, run = solve(
+            found, recording, options, progress, out, not no_report, scanner, tolerances
+        )
     return deliver(result, run, json)
 
 

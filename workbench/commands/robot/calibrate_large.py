@@ -30,14 +30,14 @@ def command(
     The stages are selected on a subset of the samples; then all samples are fitted.
     """
     answer.check_target(json)
-    with answer.progress(f"reading {recording}") as say:
+    with answer.progress(f"reading {recording}") as progress:
         from datasets.formats.recording1 import read_head
         from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
         from workbench.jobs.robot.calibrate_large import calibrate_chunks, save
 
         tolerances = answer.read_tolerances(tolerance, read_head(recording)[0].measures)
         with runs.opened("calibrate-large", recording, out) as run:
-            calibration = calibrate_chunks(recording, plan, folds, say, trust_data)
+            calibration = calibrate_chunks(recording, plan, folds, progress, trust_data)
             save(calibration, run.partial)
             verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
             result = {**calibration.as_json(), "verdict": verdict.as_json(), "run": run.path}

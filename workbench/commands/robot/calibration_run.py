@@ -22,7 +22,7 @@ def solve(
     found,
     name: str,
     options: dict,
-    say,
+    progress,
     out: Path | None,
     report: bool,
     scanner: Path | None = None,
@@ -35,7 +35,7 @@ def solve(
     """
     with runs.opened("calibrate", name, out) as run:
         result = solve_into(
-            run.partial, run.path, found, name, options, say, report, scanner, tolerances
+            run.partial, run.path, found, name, options, progress, report, scanner, tolerances
         )
     return result, run
 
@@ -46,7 +46,7 @@ def solve_into(
     found,
     name: str,
     options: dict,
-    say,
+    progress,
     report: bool,
     scanner: Path | None = None,
     tolerances: Sequence[Tolerance] = (),
@@ -65,10 +65,12 @@ def solve_into(
 
     scans, sensor_keys = None, {}
     if found.measures == "scan-images":
-        scans, sensor_keys, found, options = _centres(found, scanner, folder, path, options, say)
-    say(f"calibrating {name}")
-    calibration = calibrate(found, progress=say, **options)
-    say("comparing the residual with the noise")
+        scans, sensor_keys, found, options = _centres(
+            found, scanner, folder, path, options, progress
+        )
+    progress(f"calibrating {name}")
+    calibration = calibrate(found, progress=progress, **options)
+    progress("comparing the residual with the noise")
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
     verdict = with_remark(verdict, remark_on_kind(calibration.recording.measures))
     verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
@@ -85,8 +87,8 @@ def solve_into(
     }
     save(calibration, folder)
     if report:
-        say("writing the report")
-        _report(calibration, scans, folder, say, verdict.sentence)
+        progress("writing the report")
+        _report(calibration, scans, folder, progress, verdict.sentence)
     runs.replace_file(folder / "answer.json", answer.as_text(result))
     return result
 
@@ -104,12 +106,12 @@ def _stated_options(options: dict, scanner: Path | None) -> dict:
     }
 
 
-def _centres(found, scanner, folder, path, options, say):
+def _centres(found, scanner, folder, path, options, progress):
     """Scans, their part of the answer, the recording of ball centres, and the options for its calibration."""
     from workbench.jobs.sensor import ball_centres, scan
 
     ball_centres.check_arm(found)
-    scans = scan.scan(found, scanner, folder, say)
+    scans = scan.scan(found, scanner, folder, progress)
     ball_centres.save(scans, folder)
     centres = ball_centres.required(scans)
     sensor_keys = {"sensor": ball_centres.as_json(scans, path)}
@@ -132,12 +134,12 @@ def deliver(result: dict, run: runs.Run, json: str | None) -> None:
     answer.conclude(console, result, run.path)
 
 
-def _report(calibration, scans, folder: Path, say, verdict: str) -> None:
+def _report(calibration, scans, folder: Path, progress, verdict: str) -> None:
     from workbench.report.page import write_report
 
-    more = ()
+    sections = ()
     if scans is not None:
         from workbench.report.sensor.scan import chain
 
-        more = chain(scans)
-    write_report(calibration, folder, more, say, verdict)
+        sections = chain(scans)
+    write_report(calibration, folder, sections, progress, verdict)

@@ -32,7 +32,7 @@ def command(
 ) -> None:
     """Compare calibration plans on one recording: held-out errors on the same folds, with significance tests."""
     answer.check_target(json)
-    with answer.progress(f"reading {recording}") as say:
+    with answer.progress(f"reading {recording}") as progress:
         import datasets
         from workbench.jobs.robot.compare import compare, save
 
@@ -43,7 +43,7 @@ def command(
         samples.check_apart(fit, test, test_samples)
         tolerances = answer.read_tolerances(tolerance, found.measures)
         with runs.opened("compare", recording, out) as run:
-            comparison = compare(found, plan, fit, test, folds, say, trust_data)
+            comparison = compare(found, plan, fit, test, folds, progress, trust_data)
             save(comparison, run.partial)
             result = {**comparison.as_json(tolerances), "run": run.path}
             if not no_report:

@@ -68,7 +68,7 @@ Start = Annotated[
     ),
 ]
 _NAMED = 12
-_JUDGED = "expected position error (RMS, 1 sigma) of the worst target"
+_EXPECTED_ERROR = "expected position error (RMS, 1 sigma) of the worst target"
 
 
 def command(
@@ -99,9 +99,9 @@ def command(
     """
     answer.check_target(json)
     runs.check_place(out)
-    with answer.progress(f"reading {solution}") as say:
+    with answer.progress(f"reading {solution}") as progress:
         from workbench.files.solution_file import read_solution, without_terms
-        from workbench.files.targets import as_csv, corrected_columns, doubts
+        from workbench.files.targets import as_csv, corrected_columns, target_warnings
         from workbench.fitting.verdicts.verdict import parse_tolerances
         from workbench.jobs.robot.compensation.correction_limits import (
             Limits,
@@ -120,19 +120,19 @@ def command(
         arm = without_terms(solution_keys, without or (), str(solution))
         programme, stated = _read_targets(arm, targets, map, start, force)
         covariates = covariates_of(arm, programme)
-        tick = paced(say, f"inverting the model at {len(programme.readings)} targets, step")
+        tick = paced(progress, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate_programme(arm, programme, covariates, tick)
-        judged = judge_targets(arm, programme, found, limits)
-        refused, forced = ({}, judged.refused) if force else (judged.refused, {})
-        notes = [*stated, *elapsed_time_words(arm, found, covariates), *judged.warnings]
+        assessment = judge_targets(arm, programme, found, limits)
+        refused, forced = ({}, assessment.refused) if force else (assessment.refused, {})
+        notes = [*stated, *elapsed_time_words(arm, found, covariates), *assessment.warnings]
         notes += [*_changes(arm, programme, found), *_forced(forced)]
-        if off := switched_off_warning(solution_keys, arm, found.readings, covariates):
-            notes.append(off)
+        if disabled_warning := switched_off_warning(solution_keys, arm, found.readings, covariates):
+            notes.append(disabled_warning)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),
                 "configurations": _configurations(arm, programme, found),
-                "warnings": [*doubts(programme, arm.robot), *notes],
+                "warnings": [*target_warnings(programme, arm.robot), *notes],
                 "unattainable": _unattainable(arm, programme, found, covariates),
                 "verdict": _verdict(arm, found, refused, tolerances).as_json(),
                 **{"targets": targets, "solution": solution, "run": run.path},
@@ -266,7 +266,7 @@ def _verdict(arm, found, refused, tolerances):
     )
     remaining = remaining_error_mm(arm)
     largest = math.hypot(remaining, math.sqrt(largest_variance))
-    residual = Residual(largest, "mm", _JUDGED, has_noise=False)
+    residual = Residual(largest, "mm", _EXPECTED_ERROR, has_noise=False)
     known = known_noise(arm)
     verdict = judge(residual, known.noise, tolerances)
     return replace(
@@ -276,24 +276,25 @@ def _verdict(arm, found, refused, tolerances):
 
 def _composition(remaining: float, own_error: float, known) -> str:
     """Components of the largest expected error, and where the noise of the instrument is included."""
-    parts = (
+    components = (
         f"It combines {_remaining_words(remaining)} and {math.sqrt(own_error):.3g} mm of uncertainty at that target "
         "(parameters, extrapolation, effects found and not retained, inverse-kinematics residual)"
     )
     noise = known.noise
     if noise is not None:
         return (
-            f"{parts}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the arm and "
-            "is not part of it."
+            f"{components}; the noise of the instrument, {noise.value:.3g} mm ({noise.source}), is no error of the arm "
+            "and is not part of it."
         )
     if known.refuted is not None:
         return (
-            f"{parts}. The noise of {known.refuted.value:.3g} mm ({known.refuted.source}) is not subtracted, since the "
-            "held-out error is significantly smaller: it is stated too large. Correct sigma_mm or repeat some poses."
+            f"{components}. The noise of {known.refuted.value:.3g} mm ({known.refuted.source}) is not subtracted, "
+            "since the held-out error is significantly smaller: it is stated too large. "
+            "Correct sigma_mm or repeat some poses."
         )
     return (
-        f"{parts}. The first contains the noise of the instrument, which is not known: state sigma_mm or repeat some "
-        "poses to separate them."
+        f"{components}. The first contains the noise of the instrument, which is not known: state sigma_mm or repeat "
+        "some poses to separate them."
     )
 
 
@@ -366,17 +367,17 @@ def _show_unreached(console, result) -> None:
     """Targets without readings: beyond the limits of the joints, or not attainable at all."""
     rows = result["beyond_limits_rows"]
     if rows:
-        more = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
+        unlisted = f" and {len(rows) - _NAMED} more" if len(rows) > _NAMED else ""
         named = ", ".join(map(str, rows[:_NAMED]))
         console.print(
             "The corrected readings exceed the limits of the joints, no readings in corrected.csv: target "
-            f"{named}{more}."
+            f"{named}{unlisted}."
         )
     for sentence in result["unattainable"]:
         console.print(sentence, markup=False)
-    more = len(result["unattainable_rows"]) - len(result["unattainable"])
-    if more:
-        console.print(f"{more} more targets are not attainable; the JSON answer names them.")
+    unlisted = len(result["unattainable_rows"]) - len(result["unattainable"])
+    if unlisted:
+        console.print(f"{unlisted} more targets are not attainable; the JSON answer names them.")
 
 
 def _show_refused(console, refused) -> None:

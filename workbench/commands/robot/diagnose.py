@@ -71,7 +71,7 @@ def command(
     answer.check_target(json)
     edits = sessions.session_of(session, "diagnose", recording, scanner)
     recording, scanner, trust_data = _subject(edits, recording, scanner, trust_data)
-    with answer.progress(f"reading {recording}") as say:
+    with answer.progress(f"reading {recording}") as progress:
         from workbench.machine.processes import cores, one_thread
 
         one_thread()  # matrices are small: several threads would slow one another down
@@ -88,8 +88,10 @@ def command(
             "trust_data": trust_data,
         }
         with runs.opened("diagnose", recording, out) as run:
-            found, sensor_keys = _subject_of(found, scanner, run, say)
-            result = _diagnosed(found, recording, options, tolerances, (run, edits, no_report, say))
+            found, sensor_keys = _subject_of(found, scanner, run, progress)
+            result = _diagnosed(
+                found, recording, options, tolerances, (run, edits, no_report, progress)
+            )
             of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())
             result["warnings"] = [*of_sensor, *result["warnings"]]
             result |= sensor_keys
@@ -100,14 +102,14 @@ def command(
     answer.conclude(console, result, run.path)
 
 
-def _subject_of(found, scanner: Path | None, run, say):
+def _subject_of(found, scanner: Path | None, run, progress):
     """What is diagnosed: the recording, or the ball centres of its scans; and keys of the scans for the answer."""
     if scanner is None:
         return found, {}
     from workbench.jobs.sensor import ball_centres, scan
 
     ball_centres.check_poses(found)
-    scans = scan.scan(found, scanner, run.partial, say)
+    scans = scan.scan(found, scanner, run.partial, progress)
     centres = ball_centres.required(scans)
     ball_centres.save(scans, run.partial)
     return centres, {"sensor": ball_centres.as_json(scans, run.path)}
@@ -121,9 +123,9 @@ def _diagnosed(found, recording: str, options: dict, tolerances, target) -> dict
     """
     from workbench.diagnosis.scanner.surface import is_surface
 
-    run, edits, no_report, say = target
+    run, edits, no_report, progress = target
     if is_surface(found):
-        return _diagnose_sensor(found, recording, run, no_report, tolerances, say)
+        return _diagnose_sensor(found, recording, run, no_report, tolerances, progress)
     from workbench.explanation.answer import diagnose
     from workbench.explanation.output.corrected_model import write_model
     from workbench.explanation.output.files import save
@@ -131,18 +133,18 @@ def _diagnosed(found, recording: str, options: dict, tolerances, target) -> dict
 
     diagnosis = diagnose(
         found,
-        progress=say,
-        first=say.note,
+        progress=progress,
+        first=progress.note,
         provisional=lambda first: _keep(first, recording, run),
         **options,
     )
     save(diagnosis, run.partial)
     sessions.keep(edits, run.partial)
-    model = write_model(diagnosis, found, run.partial, say, options["trust_data"])
+    model = write_model(diagnosis, found, run.partial, progress, options["trust_data"])
     result = diagnosis.as_json()
     result |= check_diagnosis(diagnosis, found, tolerances).keys(result)
     if not no_report:
-        _report(diagnosis, run.partial, say)
+        _report(diagnosis, run.partial, progress)
     return result | {
         "model": model.as_json(run.path),
         "input": runs.input_name(recording),
@@ -156,14 +158,14 @@ def _keep(first: dict, recording: str, run) -> None:
     runs.write_provisional(run, answer.as_text({**first, "input": input_name, "run": run.path}))
 
 
-def _diagnose_sensor(found, recording: str, run, no_report: bool, tolerances, say) -> dict:
+def _diagnose_sensor(found, recording: str, run, no_report: bool, tolerances, progress) -> dict:
     """Diagnose a profiler, a 3-D camera or measured ball centres with flange poses. Returns the answer."""
     from workbench.diagnosis.scanner.surface import diagnose_surface
     from workbench.fitting.verdicts.verdict import Noise, Residual, judge
     from workbench.report.diagnosis.surface import page
     from workbench.report.page import write_sheet
 
-    diagnosis = diagnose_surface(found, say)
+    diagnosis = diagnose_surface(found, progress)
     result = diagnosis.as_json()
     held_out = result["held_out"]
     error = Residual(held_out["after_mm"], "mm", diagnosis.error_name)
@@ -206,8 +208,8 @@ def _check_scanner(found, scanner: Path | None) -> None:
         )
 
 
-def _report(diagnosis, folder: Path, say) -> None:
-    say("writing the report")
+def _report(diagnosis, folder: Path, progress) -> None:
+    progress("writing the report")
     from workbench.report.diagnosis.page import page
     from workbench.report.diagnosis.summary_image import write_summary
     from workbench.report.page import write_sheet

@@ -27,7 +27,7 @@ def calibrate_session(
 
     check_unused(path, options)
     session = read_session(path, CALIBRATE)
-    with answer.progress(f"reading {session.recording}") as say:
+    with answer.progress(f"reading {session.recording}") as progress:
         import datasets
 
         found = edited_recording(session, datasets.read(session.recording, session.trust_data))
@@ -46,7 +46,7 @@ def calibrate_session(
                 found,
                 session.recording,
                 keywords,
-                say,
+                progress,
                 report,
                 scanner,
                 tolerances,

@@ -58,7 +58,7 @@ def command(
     The errors of the nominal arm are stated for comparison, with base and tool estimated on the recording.
     """
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.files.solution_file import read_solution
         from workbench.jobs.robot.evaluate import evaluate, save
@@ -66,7 +66,7 @@ def command(
         arm = read_solution(solution)
         read = datasets.read(recording, trust_data)
         tolerances = answer.read_tolerances(tolerance, read.measures)
-        say(f"predicting {read.n} samples")
+        progress(f"predicting {read.n} samples")
         evaluated = evaluate(arm, read, str(refit), trust_data, later)
         save(evaluated, run.partial)
         result = evaluated.as_json(tolerances)

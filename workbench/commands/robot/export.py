@@ -116,12 +116,12 @@ def command(
     kind, path = _choose(source, to)
     options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map, start)
     frames = _Frames(parent_frame, child_frame)
-    with answer.progress(f"writing {file} and reading it back") as say:
-        step = counted(say, STEPS)
+    with answer.progress(f"writing {file} and reading it back") as progress:
+        step = counted(progress, STEPS)
         texts, left_out, notes = _made((kind, path), source, (to, file), frames, options, step)
     for target, text in texts.items():
         replace_file(target, text)
-    more = [target for target in texts if target != file]
+    other_files = [target for target in texts if target != file]
     result = {
         "command": "export",
         "source": source,
@@ -130,8 +130,8 @@ def command(
         "left_out": left_out,
         "notes": list(notes),
     }
-    if more:
-        result["launch_file" if kind == HAND_EYE else "control_file"] = more[0]
+    if other_files:
+        result["launch_file" if kind == HAND_EYE else "control_file"] = other_files[0]
     answer.deliver(result, json)
     console = answer.console(json)
     if left_out:
@@ -141,7 +141,7 @@ def command(
         )
     for note in notes:
         console.print(note, markup=False)
-    for target in (*more, file):
+    for target in (*other_files, file):
         console.print(str(target), soft_wrap=True, markup=False)
 
 
@@ -218,15 +218,15 @@ def _is_hand_eye(source: Path) -> bool:
 
 def _camera(path, to) -> tuple[str, list[str]]:
     from workbench.files.exports import camera_text
-    from workbench.files.exports.camera import as_held
+    from workbench.files.exports.camera import with_supported_distortion
     from workbench.files.exports.check import check_camera, read_calibrated_camera
 
-    camera, off = as_held(read_calibrated_camera(path), to)
+    camera, deviation = with_supported_distortion(read_calibrated_camera(path), to)
     text = camera_text(camera, to)
     check_camera(camera, text, to)
     left_out = (
-        [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {off:.2g} px"]
-        if off
+        [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {deviation:.2g} px"]
+        if deviation
         else []
     )
     return text, left_out + (

@@ -79,19 +79,19 @@ def export_arm(
     arm = checked(read_solution(path), path, options.force)
     arm = without_terms(arm, options.without, str(path))
     step(f"computing {file.name}")
-    back = partial(step, f"reading {file.name} back and comparing it with the model")
+    read_back = partial(step, f"reading {file.name} back and comparing it with the model")
     if to in PROGRAMS:
-        return _program(arm, to, file, options, back)
+        return _program(arm, to, file, options, read_back)
     if to in GEOMETRY_ALONE:
-        return _geometry_alone(arm, to, file, options, back)
+        return _geometry_alone(arm, to, file, options, read_back)
     makers: dict[str, Callable[..., ArmExport]] = {
         "mjcf": _mjcf,
         "python": _python,
     }
-    return makers[to](arm, file, options, to, back)
+    return makers[to](arm, file, options, to, read_back)
 
 
-def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
+def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, read_back) -> ArmExport:
     """An export in a format without effects: its geometry is fitted to the complete model."""
     from workbench.files.exports.geometry_alone import fit_geometry, held_by_ur_kinematics
 
@@ -102,22 +102,22 @@ def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, back) -> ArmE
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    exported = makers[to](fit.arm if fit else arm, file, options, to, back)
+    exported = makers[to](fit.arm if fit else arm, file, options, to, read_back)
     return replace(exported, notes=(*exported.notes, fit.sentence)) if fit else exported
 
 
-def _table(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
+def _table(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
     from workbench.files.exports import mdh_csv, mdh_json
     from workbench.files.exports.check import check_mdh
     from workbench.files.exports.mdh import left_out
 
     text = {"mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
-    back()
+    read_back()
     check_mdh(arm, text)
     return ArmExport({file: text}, left_out(arm))
 
 
-def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
+def _urdf(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
     """The user's own URDF with corrected numbers, where there is one; else a bare one."""
     from workbench.files.exports import urdf
     from workbench.files.exports.check import check_patched_urdf, check_urdf
@@ -127,11 +127,11 @@ def _urdf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     spec = _urdf_spec(arm, options)
     if spec is None:
         text = urdf(arm)
-        back()
+        read_back()
         check_urdf(arm, text)
         return ArmExport({file: text}, left_out(arm))
     urdf_text = patched_urdf(arm, spec)
-    back()
+    read_back()
     check_patched_urdf(
         arm, urdf_text.content, spec, exact=_is_own(arm, spec) and urdf_text.is_whole
     )
@@ -162,7 +162,7 @@ def _is_own(arm, spec: dict) -> bool:
     return filecmp.cmp(robot_keys["urdf"], spec["urdf"], shallow=False)
 
 
-def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
+def _mjcf(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
     """The MJCF file and, where terms on joints are no springs, a module that computes the servo targets."""
     from workbench.files.exports.check import check_python
     from workbench.files.exports.mjcf import control_terms, left_out, mjcf
@@ -172,7 +172,7 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
 
     text = mjcf(arm)
     texts: dict[Path, str | bytes] = {file: text}
-    back()
+    read_back()
     check_mjcf(arm, text)
     control = [effect.title for effect in control_terms(arm)]
     notes: tuple[str, ...] = ()
@@ -188,14 +188,14 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     return ArmExport(texts, missing, notes)
 
 
-def _python(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
+def _python(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
     from workbench.files.exports.check import check_python
     from workbench.files.exports.python import python_module
     from workbench.files.exports.python.module import observed_effects
     from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
 
     text = python_module(arm, largest_corrections(arm))
-    back()
+    read_back()
     check_python(arm, text)
     observed = set(map(id, observed_effects(arm)))
     return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in observed])

@@ -39,16 +39,16 @@ def command(
     edits = edit_session.session_stated(session, "camera", {"RECORDING": recording})
     recording = recording if edits is None else edits.recording
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.jobs.sensor import camera
 
         read = edit_session.edited(edits, datasets.read(recording))
         edit_session.keep(edits, run.partial)
-        calibration = camera.calibrate(read, model.value, say)
+        calibration = camera.calibrate(read, model.value, progress)
         camera.save(calibration, run.partial)
         if not no_report:
-            say("writing the report")
+            progress("writing the report")
             _report(calibration, run.partial)
         result = {
             "recording": recording,

@@ -71,7 +71,7 @@ def command(
     options = _options(given) if edits is None else _session_options(edits)
     recording = recording if edits is None else edits.recording
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.fitting.verdicts import hand_eye_verdict, verdict
         from workbench.jobs.sensor import hand_eye
@@ -81,12 +81,12 @@ def command(
         tolerances = verdict.parse_tolerances(tolerance, units)
         sensor = options["camera"] or options["scanner"]
         hand_eye_run = hand_eye.calibrate(
-            read, sensor and Path(sensor), options["kind"], say, options["trust_data"]
+            read, sensor and Path(sensor), options["kind"], progress, options["trust_data"]
         )
         hand_eye.save(hand_eye_run, run.partial)
         edit_session.keep(edits, run.partial)
         if not no_report:
-            say("writing the report")
+            progress("writing the report")
             _report(hand_eye_run, run.partial)
         stated = {"recording": recording, "options": options}
         return flow.with_reading_warnings(

@@ -29,11 +29,11 @@ def command(
     """Render a scene file to images: a recording of a camera or scanner with known errors."""
     answer.check_target(json)
     answer.check_target(None if truth is None else str(truth), "--truth")
-    with answer.progress(f"reading {scene}") as say:
+    with answer.progress(f"reading {scene}") as progress:
         from workbench.jobs.sensor.render import render
 
         with runs.opened("render", scene.stem, out) as run:
-            rendered = render(scene, run.partial, say)
+            rendered = render(scene, run.partial, progress)
             if truth is not None:
                 runs.replace_file(truth, answer.as_text(rendered["truth"]))
     found = {key: value for key, value in rendered.items() if key != "truth"}

@@ -42,19 +42,19 @@ def command(
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCAN_UNITS)
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.jobs.sensor import ball_centres, scan, surface_scan
 
         read = datasets.read(recording)
         if read.measures == "ball-surface":
-            scan_run = surface_scan.join_surface(read, hand_eye, run.partial, say)
+            scan_run = surface_scan.join_surface(read, hand_eye, run.partial, progress)
         else:
-            scan_run = scan.scan(read, scanner, run.partial, say, hand_eye)
-        say("writing the ball centres")
+            scan_run = scan.scan(read, scanner, run.partial, progress, hand_eye)
+        progress("writing the ball centres")
         ball_centres.save(scan_run, run.partial)
         if not no_report:
-            say("writing the report")
+            progress("writing the report")
             _report(scan_run, run.partial)
         result = {"recording": recording, **ball_centres.as_json(scan_run, run.path, tolerances)}
         return flow.with_reading_warnings(result, read)

@@ -40,15 +40,15 @@ def command(
 
     tolerances = verdict.parse_tolerances(tolerance, sensor_verdict.SCANNER_UNITS)
 
-    def work(run, say) -> dict:
+    def work(run, progress) -> dict:
         import datasets
         from workbench.jobs.sensor import scanner
 
         read = datasets.read(recording)
-        scanner_run = scanner.calibrate(read, model.value, say)
+        scanner_run = scanner.calibrate(read, model.value, progress)
         scanner.save(scanner_run, run.partial)
         if not no_report:
-            say("writing the report")
+            progress("writing the report")
             _report(scanner_run, run.partial)
         if out is not None:
             runs.replace_file(out, (run.partial / scanner.FILE).read_text(encoding="utf-8"))

@@ -149,16 +149,16 @@ def check_target(target: str | None, option: str = "--json") -> None:
 
 def as_text(answer: Mapping[str, Any]) -> str:
     """Strict JSON: numpy types become plain numbers and lists; numbers that are not finite become null."""
-    return "".join(parts(answer))
+    return "".join(text_chunks(answer))
 
 
-def parts(answer: Mapping[str, Any]) -> Iterator[str]:
+def text_chunks(answer: Mapping[str, Any]) -> Iterator[str]:
     """The text of `as_text` in parts; lazily read elements of a long session are never all in memory."""
-    yield from _parts(answer, "\n")
+    yield from _value_chunks(answer, "\n")
     yield "\n"
 
 
-def _parts(value: Any, line: str) -> Iterator[str]:
+def _value_chunks(value: Any, line: str) -> Iterator[str]:
     """The text of a value, element by element; further lines begin with `line`."""
     keyed = isinstance(value, Mapping)
     if not keyed and (not isinstance(value, Sequence) or isinstance(value, str)):
@@ -171,17 +171,17 @@ def _parts(value: Any, line: str) -> Iterator[str]:
         before = ","
         if keyed:
             yield _JSON.encode(str(inner[0])) + ": "
-        yield from _parts(inner[1] if keyed else inner, line + "  ")
+        yield from _value_chunks(inner[1] if keyed else inner, line + "  ")
     yield line + end if before == "," else first + end
 
 
 def deliver(answer: Mapping[str, Any], target: str | None) -> None:
     """Write the answer to the target of `--json`; None writes nothing."""
     if target == "-":
-        sys.stdout.writelines(parts(answer))
+        sys.stdout.writelines(text_chunks(answer))
         sys.stdout.flush()
     elif target is not None:
-        replace_file(Path(target), parts(answer))
+        replace_file(Path(target), text_chunks(answer))
 
 
 def last_line(console, folder: Path) -> None:

@@ -19,14 +19,17 @@ def run(
     verdict fails.
     """
     answer.check_target(json)
-    with answer.progress(f"reading {subject}") as say, runs.opened(command, subject, out) as folder:
+    with (
+        answer.progress(f"reading {subject}") as progress,
+        runs.opened(command, subject, out) as folder,
+    ):
         result = {
             "command": command,
-            **work(folder, say),
+            **work(folder, progress),
             "input": runs.input_name(subject),
             "run": folder.path,
         }
-        runs.replace_file(folder.partial / "answer.json", answer.parts(result))
+        runs.replace_file(folder.partial / "answer.json", answer.text_chunks(result))
     answer.deliver(result, json)
     console = answer.console(json)
     for sentence in result.get("warnings", ()):

@@ -81,8 +81,8 @@ def rejected(console, rows: Sequence[Mapping], others: int = 0) -> None:
     """Rejected images with their reasons; `others`: number of further ones that are not in `rows`."""
     for row in rows[:_SENTENCES]:
         console.print(f"rejected: {row['image']}: {row['why']}", markup=False, soft_wrap=True)
-    if (more := len(rows[_SENTENCES:]) + others) > 0:
-        console.print(f"and {more} more (listed in the JSON)")
+    if (unlisted_count := len(rows[_SENTENCES:]) + others) > 0:
+        console.print(f"and {unlisted_count} more (listed in the JSON)")
     if rows:
         console.print()
 
@@ -120,12 +120,12 @@ def scanner(console, answer: Mapping) -> None:
 def scan(console, answer: Mapping) -> None:
     """Balls of each scan and the acceptance figures; `answer`: the object of `scan --json`."""
     head = ["scan", "ball", "points", "x mm", "y mm", "z mm", "RMS mm", "1 sigma mm", ""]
-    rows, unseen, outcomes, points, more, others, unlisted = [], [], {}, 0, 0, 0, 0
+    rows, unseen, outcomes, points, unlisted_rows, others, unlisted = [], [], {}, 0, 0, 0, 0
     for scan_answer in answer[
         "scans"
     ]:  # one pass: the scans of a long session are read from disk in each pass, and few are kept
         points, balls = points + scan_answer["points"], _balls(scan_answer)
-        more += max(len(rows) + len(balls) - _SHOWN, 0)
+        unlisted_rows += max(len(rows) + len(balls) - _SHOWN, 0)
         rows += balls[: _SHOWN - len(rows)]
         others += max(len(unseen) + len(scan_answer["rejected"]) - _SENTENCES, 0)
         unseen += scan_answer["rejected"][: _SENTENCES - len(unseen)]
@@ -136,8 +136,8 @@ def scan(console, answer: Mapping) -> None:
         head,
         rows,
     )
-    if more:
-        console.print(f"and {more} more (listed in the JSON)\n")
+    if unlisted_rows:
+        console.print(f"and {unlisted_rows} more (listed in the JSON)\n")
     for sentence, scans in outcomes.items():
         names = ", ".join(scans[:_NAMED]) + " ..." * (len(scans) > _NAMED)
         console.print(f"- scan {names}: {sentence}", markup=False, soft_wrap=True)
@@ -188,9 +188,9 @@ def _balls(scan_answer: Mapping) -> list[list]:
     return rows if scan_answer["balls"] else [*rows, [scan_answer["scan"], *[None] * 7, "no ball"]]
 
 
-def _counted(number_of: int, what: str) -> str:
+def _counted(number_of: int, noun: str) -> str:
     """'1 scan', '2,000 scans'."""
-    return f"{number_of:,} {what}{'' if number_of == 1 else 's'}"
+    return f"{number_of:,} {noun}{'' if number_of == 1 else 's'}"
 
 
 def _valued(row: Mapping) -> tuple:

@@ -81,10 +81,12 @@ def identifiability(console, answer: Mapping) -> None:
     )
     known_texts: set[str] = set()
     for stage in answer["stages"]:
-        more = [sentence for sentence in stage["undetermined"] if sentence not in known_texts]
-        known_texts.update(more)
-        if more:
-            _listing(console, f"not identifiable with {stage['name']}", more)
+        new_sentences = [
+            sentence for sentence in stage["undetermined"] if sentence not in known_texts
+        ]
+        known_texts.update(new_sentences)
+        if new_sentences:
+            _listing(console, f"not identifiable with {stage['name']}", new_sentences)
 
 
 def number(value, digits: int = 4) -> str:
@@ -137,22 +139,24 @@ def grid(console, title: str, head: Sequence[str], rows: Sequence[Sequence], lef
     console.print()
 
 
-def _column_widths(head, rows: Sequence[Sequence], texts: Sequence[bool], most: int) -> list[int]:
-    """Characters of each column of a table that has `most`, or more where no word can be wrapped any more.
+def _column_widths(
+    head, rows: Sequence[Sequence], texts: Sequence[bool], max_width: int
+) -> list[int]:
+    """Characters of each column of a table that has `max_width`, or more where no word can be wrapped any more.
 
     texts: which columns are text. The others are wide enough for their longest cell, and for each word of the heading.
     """
     full = [max(len(name), _longest(rows, index), 1) for index, name in enumerate(head)]
-    if sum(full) + _GAP * (len(full) - 1) <= most:
+    if sum(full) + _GAP * (len(full) - 1) <= max_width:
         return full
-    least = [_least_width(head[k], rows, k, texts[k]) for k in range(len(head))]
-    spare = max(most - sum(least) - _GAP * (len(least) - 1), 0)
-    needed_widths = [wide - narrow for wide, narrow in zip(full, least)]
+    min_widths = [_least_width(head[k], rows, k, texts[k]) for k in range(len(head))]
+    spare = max(max_width - sum(min_widths) - _GAP * (len(min_widths) - 1), 0)
+    needed_widths = [wide - narrow for wide, narrow in zip(full, min_widths)]
     for k in sorted(range(len(head)), key=lambda k: (not texts[k], needed_widths[k])):
         given = min(needed_widths[k], spare)
-        least[k] += given
+        min_widths[k] += given
         spare -= given
-    return least
+    return min_widths
 
 
 def _least_width(name: str, rows: Sequence[Sequence], index: int, is_text: bool) -> int:
@@ -174,7 +178,7 @@ def _errors(console, answer: Mapping) -> None:
 
     title = f"{answer['recording']}: {answer['samples']} samples, {answer['measures']}"
     position = "residual, mm" if answer["measures"] in ONE_NUMBER else "3-D error, mm"
-    for what, measures in ((position, MEASURES), ("rotation error, deg", ROTATION_MEASURES)):
+    for quantity, measures in ((position, MEASURES), ("rotation error, deg", ROTATION_MEASURES)):
         blocks = [name for name in _BLOCKS if measures[0] in answer.get(name, ())]
         if not blocks:
             continue
@@ -182,7 +186,7 @@ def _errors(console, answer: Mapping) -> None:
             [name.replace("_", " "), *(answer[name].get(key) for key in measures)]
             for name in blocks
         ]
-        grid(console, title, [what, "RMS", "mean", "95 %", "max"], rows)
+        grid(console, title, [quantity, "RMS", "mean", "95 %", "max"], rows)
         title = ""
 
 
@@ -215,9 +219,9 @@ def _terms(console, terms: Sequence[Mapping]) -> None:
     if not terms:
         return
     rows = [[_term_name(row), f"{row['rms_mm']:.3g}"] for row in terms[:_MOST_TERMS]]
-    more = len(terms) - len(rows)
+    unlisted_count = len(terms) - len(rows)
     title = "Terms of the model, RMS change of the measured point beyond base and tool"
-    title += f" ({more} smaller ones are in the JSON)" if more else ""
+    title += f" ({unlisted_count} smaller ones are in the JSON)" if unlisted_count else ""
     grid(console, title, ["term", "RMS mm"], rows)
 
 
@@ -252,10 +256,10 @@ def _cycle(cycle: Mapping, factor: float) -> str:
     return f"{cycle['order']:.3g} ({cycle['amplitude'] * factor:.2g}{tied})"
 
 
-def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
+def _parameters(console, parameters: Sequence[Mapping], max_rows: int = 15) -> None:
     """Print the most significant and the largest deviations from nominal; the result files hold all."""
     estimated = [row for row in parameters if row["identifiable"] and row["deviation"] is not None]
-    ranked = sorted(estimated, key=_significance, reverse=True)[:most]
+    ranked = sorted(estimated, key=_significance, reverse=True)[:max_rows]
     large = [row for row in _largest_lengths(parameters) if row not in ranked]
     significant = f"the {len(ranked)} most significant of {len(estimated)}" if ranked else ""
     chosen = [significant, "the largest in mm" if large else ""]
@@ -270,7 +274,7 @@ def _parameters(console, parameters: Sequence[Mapping], most: int = 15) -> None:
             console.print(line, markup=False)
 
 
-def _largest_lengths(parameters: Sequence[Mapping], most: int = 3) -> list[Mapping]:
+def _largest_lengths(parameters: Sequence[Mapping], max_rows: int = 3) -> list[Mapping]:
     """Lengths of the arm with the largest deviations, estimated or only in combination with others."""
     lengths = [
         row
@@ -278,7 +282,7 @@ def _largest_lengths(parameters: Sequence[Mapping], most: int = 3) -> list[Mappi
         if row["unit"] == "mm" and row["where"].startswith("joint-") and row.get("free", True)
     ]
     moved = [row for row in lengths if row["deviation"]]
-    return sorted(moved, key=lambda row: abs(row["deviation"]), reverse=True)[:most]
+    return sorted(moved, key=lambda row: abs(row["deviation"]), reverse=True)[:max_rows]
 
 
 def _parameter(row: Mapping) -> list:

@@ -80,9 +80,9 @@ def standardised_squares(white: np.ndarray, redundancies: np.ndarray | None = No
     if redundancies is None:
         return (white**2).sum(0)
     values, vectors = symmetric_eigen((redundancies + redundancies.transpose(0, 2, 1)) / 2)
-    along = np.einsum("nmk,mn->nk", vectors, white)
+    projected = np.einsum("nmk,mn->nk", vectors, white)
     checked = values > _UNCONTROLLED
-    squares = np.where(checked, along**2 / np.where(checked, values, 1), 0).sum(1)
+    squares = np.where(checked, projected**2 / np.where(checked, values, 1), 0).sum(1)
     return squares * white.shape[0] / np.maximum(checked.sum(1), 1)
 
 
@@ -226,12 +226,12 @@ def regression_test(
     Draper & Smith, Applied Regression Analysis, 3rd ed. (1998), ch. 6. Rank-deficient columns are allowed.
     """
     base = _orthonormal(baseline)
-    rest = residual - base @ (base.T @ residual)
+    remaining = residual - base @ (base.T @ residual)
     added = _orthonormal(
         columns - base @ (base.T @ columns), np.linalg.norm(columns, axis=0).max(initial=0)
     )
-    explained = float(((added.T @ rest) ** 2).sum())
-    total = float(rest @ rest)
+    explained = float(((added.T @ remaining) ** 2).sum())
+    total = float(remaining @ remaining)
     first = added.shape[1]
     second = len(residual) - base.shape[1] - added.shape[1]
     if first < 1 or second < 1 or total <= 0:

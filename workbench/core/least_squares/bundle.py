@@ -213,21 +213,23 @@ class _Problem:
 
     def moved(self, move, own_move):
         """The present point, moved by typical sizes."""
-        there = self.dense(self.point) + move * self.scale
+        moved_dense = self.dense(self.point) + move * self.scale
         values = dict(self.point.values)
         for name, offset in self.layout.offset.items():
-            values[name] = there[offset : offset + values[name].size].reshape(values[name].shape)
+            values[name] = moved_dense[offset : offset + values[name].size].reshape(
+                values[name].shape
+            )
         if self.layout.eliminate in values:
             values[self.layout.eliminate] = self.own(self.point) + own_move * self.own_scale
-        return _Point(self.point.parameters.unpack(there[: self.layout.shared]), values)
+        return _Point(self.point.parameters.unpack(moved_dense[: self.layout.shared]), values)
 
     def linearise(self, point):
         """Rows of each part; the point is given its residuals and weights."""
-        every = [part.linearise(point.parameters, point.values) for part in self.parts]
-        self.whiten(point, [residual for residual, _ in every])
+        part_rows = [part.linearise(point.parameters, point.values) for part in self.parts]
+        self.whiten(point, [residual for residual, _ in part_rows])
         rows = zip(self.parts, point.squares, point.residuals)
         point.weights = [self.weights(part, z, len(residual)) for part, z, residual in rows]
-        return [rows for _, rows in every]
+        return [rows for _, rows in part_rows]
 
     def whiten(self, point, residuals):
         """Compute the residuals of a point and their whitened squares."""
@@ -341,27 +343,27 @@ class _Problem:
     def finished(self, move, decrement, unit):
         """True if converged; a negligible last step needs no new derivative."""
         if decrement > _DONE * unit:
-            there = self.moved(*move)
+            trial = self.moved(*move)
             self.whiten(
-                there, [part.residual(there.parameters, there.values) for part in self.parts]
+                trial, [part.residual(trial.parameters, trial.values) for part in self.parts]
             )
-            there.weights = self.point.weights
-            cost = self.cost_of(there)
+            trial.weights = self.point.weights
+            cost = self.cost_of(trial)
             if not cost < self.cost:
                 return False
-            self.point, self.cost = there, cost
+            self.point, self.cost = trial, cost
             self.history.append(cost)
         self.outcome = CONVERGED
         return True
 
     def accept(self, move):
         """Accept the step if it lowers the cost under the current weights."""
-        there = self.moved(*move)
-        rows = self.linearise(there)
-        if not self.cost_of(there) < self.cost:
+        trial = self.moved(*move)
+        rows = self.linearise(trial)
+        if not self.cost_of(trial) < self.cost:
             return False
         self.damping = self.damping / 8 if self.damping > 1e-10 * self.largest else 0.0
-        self.take(there, rows)
+        self.take(trial, rows)
         return True
 
     def leap(self, move):
@@ -375,8 +377,8 @@ class _Problem:
         before = dict(self.__dict__)
         start = self.point
         for _ in range(_LEAP):
-            there = self.moved(*move)
-            self.take(there, self.linearise(there))
+            trial = self.moved(*move)
+            self.take(trial, self.linearise(trial))
             if not self.check():
                 break
             if self.cost_of(self.point, start.weights) < before["cost"]:
@@ -465,6 +467,6 @@ def _layout(parameters, families, eliminate):
 def _noise(model, parameters):
     """(P,) True for parameters of the shared table that act on the noise of a model: they are not fitted here."""
     table = model.parameters
-    every = table.only(np.ones(len(table), bool))
-    acts = {key for key, noisy in zip(table.keys, noise_mask(model, every)) if noisy}
+    all_free = table.only(np.ones(len(table), bool))
+    acts = {key for key, noisy in zip(table.keys, noise_mask(model, all_free)) if noisy}
     return np.array([key in acts for key in parameters.keys], bool)

@@ -85,9 +85,9 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
         if len(labels) != 1
         else next(iter(labels.values()))
     )
-    every = np.arange(n)
-    order = every if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
-    ordered = code if order is every else code[order]
+    samples = np.arange(n)
+    order = samples if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
+    ordered = code if order is samples else code[order]
     new = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
     counts = np.diff(new, append=n)
     codes = ordered[new]
@@ -95,9 +95,9 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     length = _tile_length(counts)
     tiles = -(-counts // length)
     start = np.cumsum(tiles) - tiles
-    if order is every and (counts == length).all():
-        return Tiles(every, np.ones(n, bool), every, length, start, groups)
-    position = every + np.repeat(start * length - new, counts)
+    if order is samples and (counts == length).all():
+        return Tiles(samples, np.ones(n, bool), samples, length, start, groups)
+    position = samples + np.repeat(start * length - new, counts)
     index = np.repeat(order[new], tiles * length)
     live = np.zeros(tiles.sum() * length, bool)
     place = np.empty(n, int)
@@ -145,13 +145,13 @@ class Blocks:
         self, dense: np.ndarray, block: np.ndarray, pull: np.ndarray, factor: np.ndarray
     ) -> None:
         """One product a group: rows (G, D) and (G, L), the residual's part `pull` (G,), each times `factor` (G,)."""
-        far = factor[:, None] * dense
-        near = factor[:, None] * block
-        self.dense -= dense.T @ far
-        self.gradient -= pull @ far
-        self.cross -= block[:, :, None] * far[:, None]
-        self.own -= block[:, :, None] * near[:, None]
-        self.own_gradient -= pull[:, None] * near
+        weighted_dense = factor[:, None] * dense
+        weighted_block = factor[:, None] * block
+        self.dense -= dense.T @ weighted_dense
+        self.gradient -= pull @ weighted_dense
+        self.cross -= block[:, :, None] * weighted_dense[:, None]
+        self.own -= block[:, :, None] * weighted_block[:, None]
+        self.own_gradient -= pull[:, None] * weighted_block
 
     def scaled(self, dense: np.ndarray, block: np.ndarray) -> "Blocks":
         """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
@@ -189,8 +189,8 @@ class Part:
             labels, chain.sigma.shape[1] if chain.sigma.shape[1] > 1 else _samples(labels, model)
         )
         self.families, self.layout = tuple(labels), layout
-        still = np.array_equal(self.tiles.index, np.arange(len(self.tiles.place)))
-        self.model = model if still else model.at(self.tiles.index)
+        is_ordered = np.array_equal(self.tiles.index, np.arange(len(self.tiles.place)))
+        self.model = model if is_ordered else model.at(self.tiles.index)
         self._rows: np.ndarray | None = None
         table = self.model.parameters
         missing = [key for key in table.keys if key not in parameters.index]
@@ -278,13 +278,13 @@ class Part:
         np.add.at(dense, (groups[:, None], self.columns), sums[: len(self.columns)].T)
         first = len(self.columns)
         for name in self.families:
-            mine = sums[first : first + self.layout.length[name]].T
+            family_sums = sums[first : first + self.layout.length[name]].T
             first = first + self.layout.length[name]
             if name == self.layout.eliminate:
-                np.add.at(x, groups, mine)
+                np.add.at(x, groups, family_sums)
             else:
                 place = _Place(blocks, self.layout, name, self.tiles.groups[name])
-                np.add.at(dense, (groups[:, None], place.columns(name, place.groups)), mine)
+                np.add.at(dense, (groups[:, None], place.columns(name, place.groups)), family_sums)
         blocks.take_off(dense, x, np.bincount(groups, sums[-1], len(x)), factor)
 
     def _grams(self, rows, free):
@@ -307,11 +307,11 @@ class Part:
             spans[name] = slice(start, start + self.layout.length[name])
             start = spans[name].stop
         for name, span in spans.items():
-            mine = grams[:, span.start - free : span.stop - free]
+            family_grams = grams[:, span.start - free : span.stop - free]
             place = _Place(blocks, self.layout, name, self.tiles.groups[name])
-            place.add_shared(self.columns, mine[:, :, :free], mine[:, :, -1])
+            place.add_shared(self.columns, family_grams[:, :, :free], family_grams[:, :, -1])
             for other, where in spans.items():
-                place.add_family(other, self.tiles.groups[other], mine[:, :, where])
+                place.add_family(other, self.tiles.groups[other], family_grams[:, :, where])
 
 
 def _decorrelated(chain, rows):
@@ -359,10 +359,10 @@ class _Place:
             np.add.at(self.blocks.dense, (rows[:, :, None], columns[:, None]), gram)
 
 
-def _add_groups(total, groups, parts):
+def _add_groups(total, groups, addends):
     """Add parts (C, ...) to total (G, ...) at groups (C,), sorted."""
     new = np.flatnonzero(np.diff(groups, prepend=-1))
-    total[groups[new]] += parts if len(new) == len(groups) else np.add.reduceat(parts, new)
+    total[groups[new]] += addends if len(new) == len(groups) else np.add.reduceat(addends, new)
 
 
 def _samples(labels, model):

@@ -56,7 +56,7 @@ def choose(
     known: np.ndarray | None = None,
     repeats: int = 1,
     bounded: bool = False,
-    progress: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Callable[[str, int, int], None] = lambda label, done, total: None,
 ) -> Design:
     """The n of N candidates with the best criterion.
 
@@ -73,8 +73,8 @@ def choose(
     weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
     score, with_each = _criterion(criterion, n, rows, ridge, weight)
 
-    def worth(some):
-        return score(normal_of(rows[some]) + ridge)
+    def worth(indices):
+        return score(normal_of(rows[indices]) + ridge)
 
     def random_sets(size):
         return [rng.choice(len(rows), size, replace=False) for _ in range(draws)]
@@ -82,16 +82,16 @@ def choose(
     search = _Search(len(rows), with_each, repeats, progress)
     is_error = criterion == "task"  # the smaller the better
     several = random_sets(n)
-    random = np.array([worth(some) for some in several])
+    random = np.array([worth(indices) for indices in several])
     chosen = search.exchange(search.grow(n))
     comparisons = {}
     if is_error and bounded:
         grams = np.swapaxes(rows, 1, 2) @ rows
         shares, bound = least_error(grams, n, weight, ridge, repeats)
-        chosen = min(chosen, search.exchange(_whole(shares, n, repeats)), key=worth)
+        chosen = min(chosen, search.exchange(_rounded_counts(shares, n, repeats)), key=worth)
         larger = random_sets(2 * n) if 2 * n <= len(rows) else []
         comparisons = {
-            "twice": np.array([worth(some) for some in larger]),
+            "twice": np.array([worth(indices) for indices in larger]),
             "everything": score(normal_of(rows) + ridge),
             "bound": bound,
         }
@@ -119,28 +119,28 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
         slope = flat @ (inverse @ weight @ inverse).ravel()
         cycle, part = divmod(n, repeats)
         best = np.sort(slope)[::-1]
-        most = repeats * best[:cycle].sum() + (part * best[cycle] if part else 0.0)
-        bound = max(bound, value - (most - slope @ shares))
+        largest = repeats * best[:cycle].sum() + (part * best[cycle] if part else 0.0)
+        bound = max(bound, value - (largest - slope @ shares))
         if bound > value * (1 - 1e-3):
             break
         shares = _filled(shares * np.sqrt(np.maximum(slope, 0)), n, repeats)
     return shares, float(bound)
 
 
-def _filled(shares, n, most):
-    """The shares scaled to the sum n, with those above `most` limited to it."""
+def _filled(shares, n, limit):
+    """The shares scaled to the sum n, with those above `limit` limited to it."""
     order = np.argsort(-shares)
     falling = shares[order]
-    rest = np.cumsum(falling[::-1])[::-1]
-    factor = (n - most * np.arange(len(shares))) / np.maximum(rest, 1e-300)
-    first = int(np.argmax(factor * falling <= most * (1 + 1e-12)))
-    return np.minimum(shares * factor[first], most)
+    tail_sums = np.cumsum(falling[::-1])[::-1]
+    factor = (n - limit * np.arange(len(shares))) / np.maximum(tail_sums, 1e-300)
+    first = int(np.argmax(factor * falling <= limit * (1 + 1e-12)))
+    return np.minimum(shares * factor[first], limit)
 
 
-def _whole(shares, n, most):
-    """n candidates (n,) whose numbers, up to `most` of each, are nearest to the shares (N,)."""
+def _rounded_counts(shares, n, limit):
+    """n candidates (n,) whose numbers, up to `limit` of each, are nearest to the shares (N,)."""
     counts = np.floor(shares).astype(int)
-    counts[np.argsort(np.where(counts < most, counts - shares, 1.0))[: n - counts.sum()]] += 1
+    counts[np.argsort(np.where(counts < limit, counts - shares, 1.0))[: n - counts.sum()]] += 1
     return np.repeat(np.arange(len(shares)), counts)
 
 

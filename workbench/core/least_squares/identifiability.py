@@ -131,8 +131,8 @@ class Identifiability:
         unit = self.units[k]
         if unit == "rad" and size < 1e-3:
             size, unit = 1e3 * size, "mrad"
-        least = f"{size:.2g} {unit}"
-        return f"{self.labels[k]} has too small an effect here: it is detectable only from about {least}"
+        detection_limit = f"{size:.2g} {unit}"
+        return f"{self.labels[k]} has too small an effect here: it is detectable only from about {detection_limit}"
 
     def observability(self, samples: int) -> dict[str, float]:
         """O1-O5 of the determined directions, columns scaled by their typical sizes.
@@ -254,12 +254,12 @@ def _greedy(scaled):
         size = len(retained)
         factor = lower[:size, :size]
         row = _solve_lower(factor, scaled[retained, k])
-        rest = scaled[k, k] - row @ row
+        pivot = scaled[k, k] - row @ row
         mix = _solve_lower(factor, row, transposed=True)
         # rounding of the entries, as the mix of nearly dependent columns amplifies it: it is no information
         rounding = _AMPLIFIED * (norms[k] + np.abs(mix) @ norms[retained]) ** 2
-        if rest > max(_CONFOUNDED, rounding):
-            lower[size, :size], lower[size, size] = row, np.sqrt(rest)
+        if pivot > max(_CONFOUNDED, rounding):
+            lower[size, :size], lower[size, size] = row, np.sqrt(pivot)
             retained.append(k)
         else:
             left_out[k] = mix

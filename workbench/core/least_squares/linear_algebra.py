@@ -97,9 +97,13 @@ def thin_svd(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _svd_one_by_one(matrices):
     """The same by QR iteration (LAPACK gesvd), which converges where divide and conquer does not."""
     flat = matrices.reshape(-1, *matrices.shape[-2:])
-    parts = [linalg.svd(matrix, full_matrices=False, lapack_driver="gesvd") for matrix in flat]
-    shapes = [(*matrices.shape[:-2], *part.shape) for part in parts[0]]
-    return tuple(np.stack(each).reshape(shape) for each, shape in zip(zip(*parts), shapes))
+    decompositions = [
+        linalg.svd(matrix, full_matrices=False, lapack_driver="gesvd") for matrix in flat
+    ]
+    shapes = [(*matrices.shape[:-2], *part.shape) for part in decompositions[0]]
+    return tuple(
+        np.stack(factors).reshape(shape) for factors, shape in zip(zip(*decompositions), shapes)
+    )
 
 
 def solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -155,8 +159,8 @@ def _cutoff(matrix):
 
 def _reciprocals(values, cutoff):
     """1 / values, 0 where a value is not above `cutoff`."""
-    above = values > cutoff
-    return np.where(above, 1 / np.where(above, values, 1.0), 0.0)
+    is_above = values > cutoff
+    return np.where(is_above, 1 / np.where(is_above, values, 1.0), 0.0)
 
 
 def inverse_positive(matrix: np.ndarray) -> np.ndarray:
@@ -326,10 +330,10 @@ def _bracketed_root(function, last, other) -> float:
         else:
             third, other, last = other, last, new
         best = min(last, other, key=lambda place: abs(place[1]))
-        least = (_ROOT * abs(best[0]) + 1e-300) / abs(other[0] - last[0])
-        if best[1] == 0 or least > 0.5:
+        tolerance = (_ROOT * abs(best[0]) + 1e-300) / abs(other[0] - last[0])
+        if best[1] == 0 or tolerance > 0.5:
             break
-        share = min(max(_interpolated(last, other, third), least), 1 - least)
+        share = min(max(_interpolated(last, other, third), tolerance), 1 - tolerance)
     return float(best[0])
 
 

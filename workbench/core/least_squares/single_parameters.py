@@ -19,7 +19,7 @@ from workbench.core.parameters import Parameters
 LARGEST_SHARE = 0.5
 """Posterior over prior standard deviation up to which a parameter, or a combination, is determined."""
 _NAMED = 12
-_LEAST = 1e-100  # of a prior that a fit has shrunk to nothing: its square is not zero
+_MIN_PRIOR = 1e-100  # of a prior that a fit has shrunk to nothing: its square is not zero
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class SingleParameters:
     def sentences(self) -> list[str]:
         """Combinations that are not identifiable, in words; then the parameters that keep their prior values."""
         label = dict(zip(self.known.keys, self.known.labels))
-        parts = [
+        group_sentences = [
             self.known.alone(group[0])
             if len(group) == 1
             else confounded_sentence([label[key] for key in group])
@@ -98,10 +98,10 @@ class SingleParameters:
         ]
         for members in self._weak():
             count = self.combinations_of(members)
-            parts.append(_weak_sentence([label[key] for key in members], count))
+            group_sentences.append(_weak_sentence([label[key] for key in members], count))
         covered = {key for group in self.groups() for key in group}
         alone = [key for key in self._open() if key not in covered]
-        return parts + ([_prior_sentence([label[key] for key in alone])] if alone else [])
+        return group_sentences + ([_prior_sentence([label[key] for key in alone])] if alone else [])
 
     def _open(self) -> list[str]:
         return [
@@ -155,16 +155,16 @@ def _known_before(known: Identifiability, parameters: Parameters, rows: np.ndarr
     }
     limit = np.array([widest.get(unit, np.inf) for unit in known.units])
     before = np.where(has_prior, prior, np.minimum(known.typical, limit))
-    return np.maximum(before, _LEAST)
+    return np.maximum(before, _MIN_PRIOR)
 
 
 def _weak_sentence(labels: Collection[str], count: int) -> str:
     """Of parameters that share weak directions; count: of their combinations that are determined."""
-    what = f"no combination of these {len(labels)} parameters is determined"
+    statement = f"no combination of these {len(labels)} parameters is determined"
     if count:
         plural = " is" if count == 1 else "s are"
-        what = f"only {count} combination{plural} determined of these {len(labels)} parameters"
-    return f"{what}: {_names(labels)}"
+        statement = f"only {count} combination{plural} determined of these {len(labels)} parameters"
+    return f"{statement}: {_names(labels)}"
 
 
 def _prior_sentence(labels: Collection[str]) -> str:
@@ -174,8 +174,8 @@ def _prior_sentence(labels: Collection[str]) -> str:
 
 def _names(labels: Collection[str]) -> str:
     shown = list(labels)[:_NAMED]
-    more = len(labels) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    unlisted_count = len(labels) - len(shown)
+    return ", ".join(shown) + (f" and {unlisted_count} more" if unlisted_count else "")
 
 
 __all__ = ["LARGEST_SHARE", "SingleParameters"]

@@ -235,9 +235,9 @@ class _Problem:
         """Whether a fit has the normal equations at the present parameters."""
         if linearised is None or linearised.gradient is None or self.weigh:
             return False
-        there = linearised.parameters
-        same_mask = np.array_equal(there.mask, self.parameters.mask)
-        return same_mask and np.array_equal(there.values, self.parameters.values)
+        linearised_parameters = linearised.parameters
+        same_mask = np.array_equal(linearised_parameters.mask, self.parameters.mask)
+        return same_mask and np.array_equal(linearised_parameters.values, self.parameters.values)
 
     def linearise(self, parameters):
         """Residual at `parameters`, rows of the derivative, and weights."""
@@ -387,8 +387,8 @@ class _Problem:
         if not cost < self.cost:
             return False
         gain = (self.cost - cost) / max(predicted, 1e-300)
-        least = _LEAST_CURVED_FACTOR if self.is_curved else _LEAST_FACTOR
-        factor = max(1.0 if self.held else least, 1 - (2 * gain - 1) ** 3)
+        min_factor = _LEAST_CURVED_FACTOR if self.is_curved else _LEAST_FACTOR
+        factor = max(1.0 if self.held else min_factor, 1 - (2 * gain - 1) ** 3)
         smallest = _LEAST_CURVED if self.is_curved else 1e-10 * self.normal.max()
         self.damping = self.damping * factor if self.damping > smallest else 0.0
         weights = self.robust_weights(residual * self.inverse_sigma)

@@ -29,8 +29,8 @@ class TaskVariances:
         """(N,) trace of weight times covariance of a set, numbers (k,), with each of the candidates in addition."""
         self._move(np.bincount(members, minlength=len(self._rows)))
         inner = self._products @ np.swapaxes(self._rows, 1, 2) + np.eye(self._rows.shape[1])
-        along = self._products @ self._tasks
-        square = along @ np.swapaxes(along, 1, 2)
+        projected = self._products @ self._tasks
+        square = projected @ np.swapaxes(projected, 1, 2)
         gains = (np.linalg.inv(inner) * square).sum(axis=(1, 2))
         return ((self._covariance @ self._tasks) * self._tasks).sum() - gains
 

@@ -54,10 +54,10 @@ def check_builtin_name(
     name_given = str(name).lower()
     similar_names = difflib.get_close_matches(name_given, known, 3, _SIMILARITY)
     similar = [name for name in similar_names if _digits(name) == _digits(name_given)]
-    near = [
+    close_names = [
         name for name in known if _plain(name_given) in (*name.split("_"), _plain(name))
     ] or similar
-    meant = f"did you mean {' or '.join(near)}? Otherwise " if near else ""
+    meant = f"did you mean {' or '.join(close_names)}? Otherwise " if close_names else ""
     raise complaint(
         where,
         f"one of {', '.join(known)}",

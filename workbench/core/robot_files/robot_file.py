@@ -139,9 +139,9 @@ def _sentence(error: dict, where: str) -> str:
         return f"{key} is missing: expected a value, found no such key; add {names[-1]}."
     if error["type"] == "extra_forbidden":
         known = _known(place, names)
-        near = closest_key(names[-1], known) if names else None
-        question = f" (did you mean {near}?)" if near else ""
-        do = f"rename it to {near} and mind the unit" if near else "remove it"
+        closest = closest_key(names[-1], known) if names else None
+        question = f" (did you mean {closest}?)" if closest else ""
+        do = f"rename it to {closest} and mind the unit" if closest else "remove it"
         text = f"expected one of {', '.join(known)}, found {names[-1]}"
         return f"{key} is not known{question}: {text}; {do}."
     expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should ")

@@ -58,10 +58,10 @@ def pcd_problem(path: Path) -> str:
     return _count_problem(numbers, largest) or _count_problem(b" ".join(sizes).split(), 1000)
 
 
-def _count_problem(counts: list[bytes], most: int) -> str:
-    """A sentence part for the first count that is no number, or above `most`."""
+def _count_problem(counts: list[bytes], limit: int) -> str:
+    """A sentence part for the first count that is no number, or above `limit`."""
     for count in counts:
-        if not count.isdigit() or int(count) > most:
+        if not count.isdigit() or int(count) > limit:
             return f"a header that announces {count.decode('ascii', 'replace')} elements"
     return ""
 

@@ -53,7 +53,7 @@ _CENTRE = (
 def stiffness_text(row: Mapping) -> str:
     """'24,900 ± 1,100 N m/rad', the compliance where no stiffness is stated, or that it is not determined."""
     if row["stiffness"] is not None:
-        return f"{_whole(row['stiffness'], row['stiffness_std'])} N m/rad"
+        return f"{_fixed_point(row['stiffness'], row['stiffness_std'])} N m/rad"
     if not row["clear"] and row["std"] is None:
         return "not determined"
     unit, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
@@ -62,7 +62,7 @@ def stiffness_text(row: Mapping) -> str:
     return f"{row['value'] * factor:.3g}{spread} {unit}{note}"
 
 
-def _whole(value: float, std: float | None) -> str:
+def _fixed_point(value: float, std: float | None) -> str:
     """Without powers of ten: to two digits of the standard deviation, or three digits where there is none."""
     size = abs(value) if std is None else std
     if not size > 0:

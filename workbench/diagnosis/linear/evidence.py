@@ -45,9 +45,9 @@ class Moments:
     raw: np.ndarray
 
     @classmethod
-    def joined(cls, parts: "list[Moments]") -> "Moments":
+    def joined(cls, groups: "list[Moments]") -> "Moments":
         """Of several groups of hypotheses with equally many columns, as one."""
-        columns = zip(*((part.gram, part.score, part.raw) for part in parts))
+        columns = zip(*((part.gram, part.score, part.raw) for part in groups))
         return cls(*map(np.concatenate, columns))
 
 
@@ -117,21 +117,21 @@ class Projected:
         retained = self.retained
         if retained is None or not retained.mixing.shape[1]:
             return Moments(gram, score, largest)
-        whole = retained.added.whole
+        full_subspace = retained.added.full_subspace
         if 2 * retained.mixing.shape[1] < cross.shape[2]:
             projections = _product(cross, retained.within_whole)
             remaining = _without_projections(gram, projections)
             return Moments(remaining, score - projections @ retained.score, largest)
 
         def given_all():
-            return _without_projections(gram, cross), score - cross @ whole.score
+            return _without_projections(gram, cross), score - cross @ full_subspace.score
 
         remaining, remaining_score = cached(cache, (*name, "whole"), given_all)
         if retained.mixing.shape[1] < cross.shape[2]:
             omitted = retained.omitted
             projections = _product(cross, omitted)
             remaining = remaining + projections @ projections.swapaxes(1, 2)
-            remaining_score = remaining_score + projections @ (omitted.T @ whole.score)
+            remaining_score = remaining_score + projections @ (omitted.T @ full_subspace.score)
         return Moments(remaining, remaining_score, largest)
 
     def _y(self) -> np.ndarray:
@@ -176,9 +176,9 @@ class Projected:
 
     def score_hypotheses(self, moments: Moments) -> Scores:
         """Evidence, gain and p-value of each hypothesis, every coordinate counting for as much as it is worth."""
-        parts = (moments.gram, moments.score, moments.raw)
+        arrays = (moments.gram, moments.score, moments.raw)
         scores = score_hypotheses(
-            Moments(*(part / self.design_effect for part in parts)), self.yy, self.degrees
+            Moments(*(part / self.design_effect for part in arrays)), self.yy, self.degrees
         )
         return replace(scores, gain=scores.gain * self.design_effect)
 
@@ -253,9 +253,9 @@ def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.einsum("nr,cnp->cpr", basis, columns, optimize=True)
 
 
-def _product(parts: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """(C, P, R) parts (C, P, A) times a matrix (A, R), as one product: many small ones take far longer."""
-    return (parts.reshape(-1, len(matrix)) @ matrix).reshape(*parts.shape[:2], matrix.shape[1])
+def _product(blocks: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """(C, P, R) blocks (C, P, A) times a matrix (A, R), as one product: many small ones take far longer."""
+    return (blocks.reshape(-1, len(matrix)) @ matrix).reshape(*blocks.shape[:2], matrix.shape[1])
 
 
 def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
@@ -418,11 +418,11 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     values, vectors = symmetric_eigen(moments.gram)
     seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
     values = np.where(seen, values, 0.0)
-    along = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
-    gain = np.divide(along**2, values, out=np.zeros_like(values), where=seen).sum(1)
+    projected = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
+    gain = np.divide(projected**2, values, out=np.zeros_like(values), where=seen).sum(1)
     gain, rank = np.minimum(gain, (1 - 1e-12) * yy), seen.sum(1)
     spread = SIZES[:, None, None] ** 2
-    share = (along**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
+    share = (projected**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
     volume = np.log1p(spread * values).sum(-1)
     log_remainder = np.log1p(-np.minimum(share, 1 - 1e-12))
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * log_remainder
@@ -440,13 +440,13 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     sample_sums = projected.sample_sums(scan.rows, scan.key)
     if scan.kind == "step":
         return sample_sums.step_moments(scan.x, scan.options, scan.typical, scan.centred)
-    parts = []
+    chunks = []
     step = max(CHUNK_SIZE // len(scan.x), 1)
     for start in range(0, len(scan.options), step):
         waves = _waves(projected.problem, scan, slice(start, start + step))
         typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
-        parts.append(sample_sums.function_moments(("wave", start), waves, typical))
-    return Moments.joined(parts)
+        chunks.append(sample_sums.function_moments(("wave", start), waves, typical))
+    return Moments.joined(chunks)
 
 
 def _waves(problem: Problem, scan: Scan, chunk: slice) -> np.ndarray:

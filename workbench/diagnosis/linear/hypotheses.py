@@ -183,8 +183,8 @@ def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -
     z = -np.sign(moments.score[:, 0]) * np.sqrt(gain / variance)
     information = np.maximum(moments.gram[:, 0, 0], 1e-300) / projected.design_effect
     size = np.sqrt(gain / information)  # in typical ones
-    beyond = np.log(np.maximum(size / np.array([c.largest for c in chosen]), 1.0))
-    return np.where(only, np.log(2) + log_ndtr(z) - _TAIL * beyond, 0.0)
+    excess = np.log(np.maximum(size / np.array([c.largest for c in chosen]), 1.0))
+    return np.where(only, np.log(2) + log_ndtr(z) - _TAIL * excess, 0.0)
 
 
 def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
@@ -193,11 +193,11 @@ def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
     best = np.argsort(-(scores.evidence + np.log(mass)))
     others = best[MOST_LISTED:]
     if len(others):
-        rest = logsumexp(scores.evidence[others], b=mass[others]) - np.log(mass[best[0]])
-        scores.evidence[best[0]] = np.logaddexp(scores.evidence[best[0]], rest)
+        log_others = logsumexp(scores.evidence[others], b=mass[others]) - np.log(mass[best[0]])
+        scores.evidence[best[0]] = np.logaddexp(scores.evidence[best[0]], log_others)
     labels = {label for family, label in required if family == scan.family}
-    also = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
-    for i in (*best[:MOST_LISTED], *also):
+    required_indices = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
+    for i in (*best[:MOST_LISTED], *required_indices):
         value = float(scan.options[i])
         yield Hypothesis(
             scan.effect,
@@ -225,8 +225,8 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
     for (site, chosen, _), scores in zip(groups, judged_groups):
         for i, names in enumerate(chosen):
             label = f"a smooth function of {' and '.join(names)}"
-            about = ("unknown", site.where, label, "", (), site, names)
-            yield Hypothesis(*about, 1.0, *scores.row(i), smooth_covariates=names)
+            description = ("unknown", site.where, label, "", (), site, names)
+            yield Hypothesis(*description, 1.0, *scores.row(i), smooth_covariates=names)
 
 
 def _site_moments(site: Site, problem: Problem, projected: Projected):
@@ -267,14 +267,14 @@ def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypot
     return replace(h, log_prior=float(np.log(share * part)), weight=level * part)
 
 
-def family_wise(hypotheses: Sequence[Hypothesis], least: float = 0.0) -> float:
-    """p-value that anything is missing that gains `least` or more, valid under the whole search: weighted Bonferroni.
+def family_wise(hypotheses: Sequence[Hypothesis], min_gain: float = 0.0) -> float:
+    """p-value that any effect is missing that gains at least `min_gain`, over the whole search: weighted Bonferroni.
 
     A smooth alternative counts only if it is more probable than no effect: one with many parameters may not be.
     Holm, Scand. J. Stat. 6 (1979); weights: Genovese, Roeder & Wasserman, Biometrika 93 (2006).
     """
     counted = [
-        h for h in hypotheses if h.gain >= least and (h.evidence > 0 or not h.smooth_covariates)
+        h for h in hypotheses if h.gain >= min_gain and (h.evidence > 0 or not h.smooth_covariates)
     ]
     return float(min([1.0, *(h.p / h.weight for h in counted)]))
 
@@ -289,20 +289,20 @@ def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tupl
     best: dict[tuple, Hypothesis] = {}
     for h in table:
         if h.smooth_covariates and (
-            (at := (h.where, _port(h))) not in best or h.evidence > best[at].evidence
+            (place := (h.where, _port(h))) not in best or h.evidence > best[place].evidence
         ):
-            best[at] = h
+            best[place] = h
     yy = float((problem.orthogonalise(problem.residual) ** 2).sum())
     noise = yy / max(problem.degrees, 1)
     rows = [
         Located(
-            *at,
+            *place,
             h.smooth_covariates,
             max(0.0, h.gain - h.rank * noise) / max(yy, 1e-300),
             min(1.0, h.p / h.weight),
             float((h.gain / len(problem.sample)) ** 0.5),
         )
-        for at, h in best.items()
+        for place, h in best.items()
     ]
     return tuple(sorted(rows, key=lambda row: (row.p_value, -row.share)))
 

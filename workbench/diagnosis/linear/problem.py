@@ -100,10 +100,12 @@ class Problem:
         if not self.added:
             return self
         kept = range(len(self.added)) if kept is None else kept
-        back = [self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept]
+        contributions = [
+            self.added[i] @ self.values[i] for i in range(len(self.added)) if i not in kept
+        ]
         return replace(
             self,
-            residual=self.residual - sum(back) if back else self.residual,
+            residual=self.residual - sum(contributions) if contributions else self.residual,
             effects=tuple(self.effects[i] for i in kept),
             added=(),
             values=(),
@@ -177,14 +179,14 @@ class Problem:
         weights (n,): those of the samples, where the map changes them.
         """
 
-        def columns(held: np.ndarray) -> np.ndarray:
-            return white(np.ascontiguousarray(held.T)).T
+        def columns(original: np.ndarray) -> np.ndarray:
+            return white(np.ascontiguousarray(original.T)).T
 
-        def candidates(held):
-            return tuple(replace(c, columns=columns(c.columns)) for c in held)
+        def candidates(original):
+            return tuple(replace(c, columns=columns(c.columns)) for c in original)
 
-        def places(held):
-            return tuple(replace(s, rows=self.ends.mapped(white, s.rows)) for s in held)
+        def places(original):
+            return tuple(replace(s, rows=self.ends.mapped(white, s.rows)) for s in original)
 
         def columns_of(effect, cause=None):
             if cause is None:  # a sensor has no causes

@@ -75,13 +75,13 @@ class AddedEffects:
             gains = {}
             for i in allowed(remaining):
                 span = self._span(i)
-                along = orthonormal(gram[np.ix_(span, span)])
-                gains[i] = float(((along.T @ score[span]) ** 2).sum())
+                directions = orthonormal(gram[np.ix_(span, span)])
+                gains[i] = float(((directions.T @ score[span]) ** 2).sum())
             chosen = max(gains, key=gains.get)
             span = self._span(chosen)
-            along = orthonormal(gram[np.ix_(span, span)])
-            projections = gram[:, span] @ along
-            score -= projections @ (along.T @ score[span])
+            directions = orthonormal(gram[np.ix_(span, span)])
+            projections = gram[:, span] @ directions
+            score -= projections @ (directions.T @ score[span])
             gram -= projections @ projections.T
             ordered.append(chosen)
             remaining.remove(chosen)
@@ -91,14 +91,14 @@ class AddedEffects:
         return np.arange(self.start[effect], self.start[effect + 1])
 
     @cached_property
-    def whole(self) -> "RetainedSubspace":
+    def full_subspace(self) -> "RetainedSubspace":
         """Column space of all effects."""
         return RetainedSubspace(self, self.mixing, np.arange(len(self.score)))
 
     @cached_property
     def basis(self) -> np.ndarray:
         """(N, W) orthonormal basis of the column space of all effects."""
-        return self.whole.basis
+        return self.full_subspace.basis
 
     def subspace(self, effects: Sequence[int]) -> "RetainedSubspace":
         """Column space of some of the effects, which are given by their indices."""
@@ -159,16 +159,16 @@ class RetainedSubspace:
     @cached_property
     def within_whole(self) -> np.ndarray:
         """(W, R) coordinates of the basis in that of all effects."""
-        return (self.added.whole.mixing.T @ self.added.gram) @ self.mixing
+        return (self.added.full_subspace.mixing.T @ self.added.gram) @ self.mixing
 
     @cached_property
     def omitted(self) -> np.ndarray:
         """(W, W - R) orthonormal coordinates of what the space of all effects has beyond this one, as above."""
-        whole = self.added.whole.mixing
-        numbers = np.setdiff1d(np.arange(len(whole)), self.column_numbers)
-        others = whole.T @ self.added.gram[:, numbers]
+        all_coordinates = self.added.full_subspace.mixing
+        numbers = np.setdiff1d(np.arange(len(all_coordinates)), self.column_numbers)
+        others = all_coordinates.T @ self.added.gram[:, numbers]
         others -= self.within_whole @ (self.within_whole.T @ others)
-        return thin_svd(others)[0][:, : whole.shape[1] - self.mixing.shape[1]]
+        return thin_svd(others)[0][:, : all_coordinates.shape[1] - self.mixing.shape[1]]
 
     @property
     def y(self) -> np.ndarray:

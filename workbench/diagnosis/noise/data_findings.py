@@ -87,10 +87,12 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     probability, factors = np.zeros(problem.n), []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         rows = order[count[problem.sample[order]] == m].reshape(-1, m)
-        at, white_rows = problem.sample[rows[:, 0]], white[rows].T
+        samples, white_rows = problem.sample[rows[:, 0]], white[rows].T
         if name:
-            white_rows = white_rows / spread_along(white_rows, problem.sample_covariates[name][at])
-        factor, probability[at] = contaminated(white_rows)
+            white_rows = white_rows / spread_along(
+                white_rows, problem.sample_covariates[name][samples]
+            )
+        factor, probability[samples] = contaminated(white_rows)
         factors.append(factor)
     return float(logsumexp(factors) - np.log(len(factors))), probability
 

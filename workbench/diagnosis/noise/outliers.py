@@ -37,8 +37,10 @@ def robust_weights(white: np.ndarray) -> np.ndarray:
 def robust_loss(white: np.ndarray) -> float:
     """Huber's loss of whitened residuals (m, n): half the squared lengths of samples, and linear in those far off."""
     length = lengths(white)
-    far = length > FULL_WEIGHT
-    return float(np.where(far, FULL_WEIGHT * length - FULL_WEIGHT**2 / 2, length**2 / 2).sum())
+    is_outlying = length > FULL_WEIGHT
+    return float(
+        np.where(is_outlying, FULL_WEIGHT * length - FULL_WEIGHT**2 / 2, length**2 / 2).sum()
+    )
 
 
 def lengths(white: np.ndarray) -> np.ndarray:
@@ -55,8 +57,10 @@ def lengths(white: np.ndarray) -> np.ndarray:
 
 def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) spread of residuals (m, n) with a like covariate x (n,), 1 on average: from medians of eighths, or fewer."""
-    inner, most = np.unique(x), int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
-    inner = inner if len(inner) <= most else np.quantile(x, np.arange(1, most) / most)
+    inner, bin_count = np.unique(x), int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
+    inner = (
+        inner if len(inner) <= bin_count else np.quantile(x, np.arange(1, bin_count) / bin_count)
+    )
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
     middle = median(square, part, np.arange(part.max() + 1))
@@ -100,7 +104,7 @@ _SHARES, _MOST = 5, 0.1
 """Shares of outliers that are tried, from half a sample to a tenth of all: more of them are a noise of their own."""
 _NEAREST, _FARTHEST = 5.0, 60.0
 """Sigmas: nearer ones do no harm, farther ones are as certain."""
-_MANY = 2000
+_MIN_GROUPED_SAMPLES = 2000
 """Samples beyond which those within `FULL_WEIGHT` sigmas stand for one another: none of them is an outlier."""
 
 
@@ -111,22 +115,33 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
         return -np.inf, np.zeros(white.shape[1])
     chosen, counts = _thinned(x)
     shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
-    far, noises = _far(x), list(_noises(len(x)))
-    none, some = [], []
+    outlier_density, noises = _log_outlier_density(x), list(_noises(len(x)))
+    without_outliers, with_outliers = [], []
     for prior, density, _ in noises:
-        near = density(x[:, chosen])
-        none.append(prior + counts @ near)
-        mixed = np.array([counts @ _mixed(near, far[chosen], share) for share in shares])
-        some.append(prior - np.log(_SHARES) + mixed)
-    total = logsumexp(some)
+        core_density = density(x[:, chosen])
+        without_outliers.append(prior + counts @ core_density)
+        mixed = np.array(
+            [
+                counts @ _log_mixture_density(core_density, outlier_density[chosen], share)
+                for share in shares
+            ]
+        )
+        with_outliers.append(prior - np.log(_SHARES) + mixed)
+    total = logsumexp(with_outliers)
     likely = []
-    for weights, (_, density, _) in zip(np.exp(np.array(some) - total), noises):
+    for weights, (_, density, _) in zip(np.exp(np.array(with_outliers) - total), noises):
         relevant = np.flatnonzero(weights > 1e-4)
         likely += [(weights[i], shares[i], density) for i in relevant]
     probability = np.zeros(x.shape[1])
     for weight, share, density in likely:
-        probability += weight * np.exp(far + np.log(share) - _mixed(density(x), far, share))
-    return float(total - logsumexp(none)), probability / sum(weight for weight, *_ in likely)
+        probability += weight * np.exp(
+            outlier_density
+            + np.log(share)
+            - _log_mixture_density(density(x), outlier_density, share)
+        )
+    return float(total - logsumexp(without_outliers)), probability / sum(
+        weight for weight, *_ in likely
+    )
 
 
 def tails(white: np.ndarray) -> tuple[float, float, float]:
@@ -154,18 +169,20 @@ def _on_scale_of_median(white: np.ndarray) -> np.ndarray | None:
     return white / np.sqrt(middle / chi2.ppf(0.5, len(white))) if 0 < middle < np.inf else None
 
 
-def _mixed(near, far, share):
+def _log_mixture_density(core_density, outlier_density, share):
     """(n,) log density of a mixture."""
-    return np.logaddexp(near + np.log1p(-share), far + np.log(share))
+    return np.logaddexp(core_density + np.log1p(-share), outlier_density + np.log(share))
 
 
-def _far(x: np.ndarray) -> np.ndarray:
+def _log_outlier_density(x: np.ndarray) -> np.ndarray:
     """(n,) log density of an outlier: off in any direction, or, as likely, in one coordinate alone."""
     m = len(x)
-    anywhere = _off(np.sqrt((x**2).sum(0)), m) - _sphere(m)
+    anywhere = _log_uniform_density(np.sqrt((x**2).sum(0)), m) - _sphere(m)
     others = _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi))
-    along = logsumexp(_off(np.abs(x), 1) + others, axis=0) - _sphere(1) - np.log(m)
-    return np.logaddexp(anywhere, along) - np.log(2)
+    one_coordinate = (
+        logsumexp(_log_uniform_density(np.abs(x), 1) + others, axis=0) - _sphere(1) - np.log(m)
+    )
+    return np.logaddexp(anywhere, one_coordinate) - np.log(2)
 
 
 def _sphere(m: int) -> float:
@@ -173,11 +190,11 @@ def _sphere(m: int) -> float:
     return float(np.log(2) + 0.5 * m * np.log(np.pi) - gammaln(0.5 * m))
 
 
-def _off(length, m):
+def _log_uniform_density(length, m):
     """Log density in m dimensions, but for the sphere's area: every logarithm of the length is as likely."""
     spread = np.log(np.log(_FARTHEST / _NEAREST))
-    inside = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - spread
-    return np.where(length < _NEAREST, -np.inf, inside)
+    density = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - spread
+    return np.where(length < _NEAREST, -np.inf, density)
 
 
 def _noises(m: int):
@@ -191,13 +208,13 @@ def _noises(m: int):
         for nu in _DEGREES:
             median = chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
             same = scale * np.sqrt(median)  # which stays
-            for kind in (_joint, _each):
+            for kind in (_joint, _log_student_density):
                 yield share - half, _scaled(kind, same, nu), nu
 
 
-def _scaled(density, spread, *of):
+def _scaled(density, spread, *parameters):
     """The log density of what is `spread` times as wide."""
-    return lambda x: density(x / spread, *of) - len(x) * np.log(spread)
+    return lambda x: density(x / spread, *parameters) - len(x) * np.log(spread)
 
 
 def _gauss(x):
@@ -210,7 +227,7 @@ def _joint(x, nu):
     return _norm(nu, m) - 0.5 * (nu + m) * np.log1p((x**2).sum(0) / nu)
 
 
-def _each(x, nu):
+def _log_student_density(x, nu):
     """Student's density of every coordinate of x (m, n) by itself."""
     return len(x) * _norm(nu, 1) - 0.5 * (nu + 1) * np.log1p(x**2 / nu).sum(0)
 
@@ -222,7 +239,7 @@ def _norm(nu, m):
 def _thinned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the samples that are looked at, and how many each stands for: of many inner ones, every so many."""
     inner = np.flatnonzero((x**2).sum(0) < FULL_WEIGHT**2)
-    step = max(1, len(inner) // _MANY)
+    step = max(1, len(inner) // _MIN_GROUPED_SAMPLES)
     chosen = inner[::step]
     outer = np.setdiff1d(np.arange(x.shape[1]), inner)
     counts = np.full(len(chosen), len(inner) / max(len(chosen), 1))

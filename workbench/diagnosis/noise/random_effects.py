@@ -26,7 +26,7 @@ _SPREADS, _TRIED = (0.05, 50.0), 40
 """Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
 _ROUNDS = int(np.ceil(-np.log2(ROUNDING)))
 """Iterations for a shape (Tyler 1987): each at least halves what is left."""
-_FAR = 3.0
+_MAX_LENGTH = 3.0
 """Median lengths from which on a sample counts no more: one in a hundred of Gaussian ones."""
 _PERIODS, _ORDERS = 1.6, 400_000
 """How far a count may be from what its spread says, and how many counts are tried."""
@@ -35,7 +35,7 @@ _CONTRADICTED = 6.0
 _GRID = 20
 """Places of a grid in the shortest wave: that costs a hundredth of its power."""
 LABEL = "from sample to sample, with nothing that was recorded"
-ALONG = "from sample to sample, back along the last moves"
+LAST_MOVE_LABEL = "from sample to sample, back along the last moves"
 _COLUMNS = {
     "approach": "approach",
     "temperature": "temperature",
@@ -82,7 +82,7 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     residual = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((residual**2).sum(0))
-    z = residual * np.minimum(1.0, _FAR * np.median(length) / np.maximum(length, 1e-300))
+    z = residual * np.minimum(1.0, _MAX_LENGTH * np.median(length) / np.maximum(length, 1e-300))
     _, pose = np.unique(problem.pose, return_inverse=True)
     # repeats of a pose err together: by Hoelder's inequality they count as one
     share = 1.0 / np.bincount(pose)[pose]
@@ -127,16 +127,16 @@ def places(problem: Problem) -> tuple[Site, ...]:
     joints = [site for site in problem.sites if site.port == "joint"]
     # what an instrument does by chance is its noise, see `angular_noise`
     candidates = (*problem.sites, *problem.growing)
-    some = [site for site in candidates if site.where != "instrument"]
+    chain_sites = [site for site in candidates if site.where != "instrument"]
     rounding = rounding_site(problem)
     if rounding is not None:
-        some.append(rounding)
+        chain_sites.append(rounding)
     if len(joints) > 1:
         rows = np.concatenate([site.rows for site in joints])
         typical = np.concatenate([site.typical for site in joints])
-        some.append(_of_clock(joints[0], rows, typical))
-        some.extend(_last_moves(problem, joints))
-    return tuple(some)
+        chain_sites.append(_of_clock(joints[0], rows, typical))
+        chain_sites.extend(_last_moves(problem, joints))
+    return tuple(chain_sites)
 
 
 def _of_clock(site: Site, rows: np.ndarray, typical: np.ndarray) -> Site:
@@ -238,8 +238,8 @@ def _constant_shape_likelihood(z, share) -> float:
     shape = np.eye(m)
 
     def lengths():
-        along = np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit)
-        return np.maximum(along, 1e-300)
+        squares = np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit)
+        return np.maximum(squares, 1e-300)
 
     for _ in range(_ROUNDS):
         shape = m / share.sum() * (unit * share / lengths()) @ unit.T + ROUNDING * np.eye(m)
@@ -271,10 +271,10 @@ def _moved(site, z):
     way = _directions(site, len(z))[0]
     squared_length = (way**2).sum(0)
     divisor = np.maximum(squared_length, 1e-300)
-    along = (way * z).sum(0)
-    across = (z**2).sum(0) - along**2 / divisor
-    noise = max(float(across.mean() / (len(z) - 1)), 1e-300)
-    return along / divisor, noise / divisor, squared_length
+    parallel = (way * z).sum(0)
+    perpendicular = (z**2).sum(0) - parallel**2 / divisor
+    noise = max(float(perpendicular.mean() / (len(z) - 1)), 1e-300)
+    return parallel / divisor, noise / divisor, squared_length
 
 
 def _shape(site, z):
@@ -329,8 +329,8 @@ def _waves(reading, weight, count) -> tuple[float, int]:
 def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     """The problem with residuals, and all that is compared with them, also whitened by a site's random effect."""
     m = len(problem.residual) // problem.n
-    identity = _which(random_effect.site)
-    site = next(s for s in places(problem) if _which(s) == identity)
+    identity = _place_key(random_effect.site)
+    site = next(s for s in places(problem) if _place_key(s) == identity)
     d = _directions(site, m)
     covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * np.einsum("kan,kbn->abn", d, d)
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
@@ -343,7 +343,7 @@ def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     return problem.transformed(white)
 
 
-def _which(site: Site) -> tuple:
+def _place_key(site: Site) -> tuple:
     """Key of a place: all joints, and all along their last moves, share that of the clock."""
     return site.where, site.port, len(site.rows)
 
@@ -360,7 +360,7 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
     given = (p, 1.0 - p, size, movement(random_effect))
     if random_effect.rounds < RANDOM_EFFECT_LEVEL:
         return Finding(QUANTISATION, site.where, "", (), *given)
-    label = ALONG if site.where == "time" and len(site.rows) == 1 else LABEL
+    label = LAST_MOVE_LABEL if site.where == "time" and len(site.rows) == 1 else LABEL
     others = unrecorded_causes(random_effect, problem)
     return Finding("unknown", site.where, label, (), *given, alternatives=others)
 
@@ -379,7 +379,7 @@ def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Al
         rows = warm
     if site.port != "geometry":
         rows.append((TimeOffset.effect, "time", "", "speed"))
-    return _lacking(rows, covariates)
+    return _unrecorded(rows, covariates)
 
 
 def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
@@ -394,7 +394,7 @@ def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     if "time" not in place.depends_on:
         return ()
     rows = [*_warm(place), *([_loaded(place)] if place.port == "joint" else [])]
-    return _lacking(rows, problem.covariates)
+    return _unrecorded(rows, problem.covariates)
 
 
 def _warm(place) -> list[tuple]:
@@ -408,7 +408,7 @@ def _loaded(place) -> tuple:
     return JointCompliance.effect, place.where, "", "payload"
 
 
-def _lacking(rows, covariates) -> tuple[Alternative, ...]:
+def _unrecorded(rows, covariates) -> tuple[Alternative, ...]:
     """Rows (effect, where, variant, kind of covariate) whose covariate does not vary here, as alternatives."""
     varying = [name for name, x in covariates.items() if np.ptp(x) > 0]
     alternatives, share = [], 1.0

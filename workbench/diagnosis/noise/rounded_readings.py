@@ -51,8 +51,8 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
         if words not in matter:
             continue
         size = float(np.sqrt(squares / len(problem.residual)))
-        about = (ReadingLattice.effect, site.where, words, ())
-        found.append(Finding(*about, p_value, 1 - p_value, size, squares))
+        description = (ReadingLattice.effect, site.where, words, ())
+        found.append(Finding(*description, p_value, 1 - p_value, size, squares))
     return tuple(found)
 
 

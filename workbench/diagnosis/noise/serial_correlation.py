@@ -65,29 +65,29 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
     return SerialCorrelation(value, float(np.sqrt((1 - value**2) / likelihood.degrees)), p)
 
 
-def prefers_term(without: Problem, with_term: Problem) -> bool:
+def prefers_term(base: Problem, with_term: Problem) -> bool:
     """Whether a model with a term and correlated noise is more probable than one with correlated noise alone.
 
     An unexplained step makes the residual correlated; the correlation is therefore estimated in both models. The
     instant of the term counts as one more parameter. Both problems have the same samples; the term is in the residual
     of the first and in the basis of the second.
     """
-    gain = log_evidence(without, with_term) - log_evidence(without, without)
-    poses = min(len(np.unique(without.pose)), _MOST_POSES)
-    return gain > 0.5 * np.log(poses * (len(without.residual) // without.n))
+    gain = log_evidence(base, with_term) - log_evidence(base, base)
+    poses = min(len(np.unique(base.pose)), _MOST_POSES)
+    return gain > 0.5 * np.log(poses * (len(base.residual) // base.n))
 
 
-def log_evidence(without: Problem, model: Problem) -> float:
+def log_evidence(base: Problem, model: Problem) -> float:
     """Log evidence of a model under noise with a correlation of its own, but for a constant of all models.
 
     Maximum likelihood of a first-order autoregression, a random walk at most, and the Bayesian information criterion
-    (Schwarz, Ann. Stat. 6 (1978) 461). without: the problem of the same samples whose residual all models explain; nan
+    (Schwarz, Ann. Stat. 6 (1978) 461). base: the problem of the same samples whose residual all models explain; nan
     where its coordinates are not the same of all samples.
     """
-    residual = without.orthogonalise(without.residual)
-    if len(residual) % without.n:
+    residual = base.orthogonalise(base.residual)
+    if len(residual) % base.n:
         return float("nan")
-    y = _by_pose(without, residual[:, None])[:_MOST_POSES]
+    y = _by_pose(base, residual[:, None])[:_MOST_POSES]
     basis = _by_pose(model, model.full_basis)[:_MOST_POSES]
     fit = _Restricted.of(y, basis, degree=None)
     return max(fit.profile_log(value) for value in _GRID) + 0.5 * fit.degrees * np.log(y.size)

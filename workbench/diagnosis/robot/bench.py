@@ -97,7 +97,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     effects = ()
     if baseline == JointCompliance.effect:
         effects = tuple(variant.effect for variant in JointCompliance.candidates(chain))
-    warnings = (*moving.warnings, *checked.doubts)
+    warnings = (*moving.warnings, *checked.suspicions)
     if chain.places("instrument") and not chain.has_sight_lines:
         warnings = (*warnings, _NO_SIGHT_LINES)
     bench = RobotBench(chain, moving.poses, effects, moving, warnings)
@@ -166,10 +166,10 @@ class SlicedBases(dict):
     all parts, whose libraries make equal effects of their own.
     """
 
-    def __init__(self, whole: Model, samples: np.ndarray, names: dict[tuple, Effect]):
+    def __init__(self, model: Model, samples: np.ndarray, names: dict[tuple, Effect]):
         super().__init__()
-        self._columns = whole.chain.columns_of(np.flatnonzero(samples))
-        self._whole, self._names = whole, names
+        self._columns = model.chain.columns_of(np.flatnonzero(samples))
+        self._whole, self._names = model, names
 
     def __missing__(self, key: tuple[Effect, Effect | None]) -> np.ndarray:
         basis = self._whole.basis(*map(self._known, key))
@@ -217,7 +217,7 @@ class _Part:
         if elastic not in self.known:
             known = variants(CATALOGUE, self.chain, elastic)
             self.known[elastic] = [
-                variant for variant in known if not _held(variant, self.baseline)
+                variant for variant in known if not _is_in_baseline(variant, self.baseline)
             ]
         return self.known[elastic]
 
@@ -312,7 +312,7 @@ class RobotBench(Bench):
         known = [
             variant
             for variant in variants(CATALOGUE, self.chain)
-            if variant.effect.effect in wanted and not _held(variant, self.baseline)
+            if variant.effect.effect in wanted and not _is_in_baseline(variant, self.baseline)
         ]
         # a law's few combinations of masses are those of any thousands of poses
         step = int(np.ceil(len(self.pose) / _LARGE))
@@ -477,7 +477,7 @@ def _effect_rows(
     return rows
 
 
-def _held(option: Variant, baseline) -> bool:
+def _is_in_baseline(option: Variant, baseline) -> bool:
     """Whether the baseline holds an option's law at its place."""
     return any((e.effect, e.where) == (option.effect.effect, option.effect.where) for e in baseline)
 

@@ -138,9 +138,9 @@ def without_shrinkage(model, fit, covariance: np.ndarray, precision: np.ndarray)
         is_pulled[span] = is_linear and is_determined
     is_pulled &= free & ~model.shrunk
     trust = max(1.0, fit.sigma_scale**2 * fit.degrees / fit.residual.size)
-    away = (values - parameters.nulls) / typical
+    deviation = (values - parameters.nulls) / typical
     excess = trust * parameters.precision * typical**2 - precision
-    pull = np.where(is_pulled, excess * away, 0.0)
+    pull = np.where(is_pulled, excess * deviation, 0.0)
     step = np.zeros(len(values))
     step[free] = covariance @ pull[free]
     return np.where(is_pulled, values + step * typical, values)
@@ -219,14 +219,14 @@ def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: J
 
     Over less than a revolution a curve and a harmonic of low order nearly cancel, and only their sum has a meaning.
     """
-    own = [
+    scaled_effects = [
         (effect, np.arange(span.start, span.stop))
         for effect, span in zip(model.effects, model.spans)
         if (effect.port, effect.where) == ("joint", curve.where)
         and tuple(effect.reads) == curve.reads
     ]
-    laws = np.concatenate([effect.basis(model.chain.state)[:, 0] for effect, _ in own])
-    chosen = np.concatenate([numbers for _, numbers in own])
+    laws = np.concatenate([effect.basis(model.chain.state)[:, 0] for effect, _ in scaled_effects])
+    chosen = np.concatenate([numbers for _, numbers in scaled_effects])
     angle = model.chain.state.drive_angles[curve.number - 1]
     scale = reading_scale(laws, values[chosen], covariance[np.ix_(chosen, chosen)], angle)
     return {} if scale is None else {"reading_scale": (scale.factor, scale.std)}

@@ -22,7 +22,7 @@ from workbench.diagnosis.levels import NOTABLE_SHARE
 
 _SHARE, _CENTRE_MM = 0.2, 20.0
 """A data sheet's mass is good to a fifth, a centre to 20 mm."""
-_MOST = 4
+_MAX_MIXTURES = 4
 """Mixtures of first moments, each of which makes `NOTABLE_SHARE` of the law."""
 LABEL = "with first mass moments estimated jointly"
 MASS_SHARE, CENTRE_MM = 0.05, 5.0
@@ -74,7 +74,7 @@ def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     shares = (response * law_basis).sum((2, 3)) / length
     remaining = (response - shares[:, :, None, None] * law_basis) / np.sqrt(length)[:, None, None]
     u, s, _ = thin_svd(remaining.reshape(len(remaining), -1))
-    relevant = np.flatnonzero(s[:_MOST] > NOTABLE_SHARE)
+    relevant = np.flatnonzero(s[:_MAX_MIXTURES] > NOTABLE_SHARE)
     if not len(relevant):
         return None
     weights = u[:, relevant].T  # (R, 3 J + 3) in units of what is likely

@@ -64,10 +64,10 @@ def sites(chain, rows) -> tuple[Site, ...]:
         names = tuple(dict.fromkeys((*angles, *_varying(covariates, loads), *general)))
         found.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
     if all(name in covariates for name in _SIGHT):
-        towards = sight_directions(chain.state.measured)
-        seen = np.einsum("kcn,cmn->kmn", towards, rows("sensor", [0, 1, 2]))
-        about = (_flat(seen), "rad and mm", _SIGHT_SIZES, (*_SIGHT, *general), (_SIGHT[:2],))
-        found.append(Site("instrument", "sensor", *about))
+        directions = sight_directions(chain.state.measured)
+        seen = np.einsum("kcn,cmn->kmn", directions, rows("sensor", [0, 1, 2]))
+        description = (_flat(seen), "rad and mm", _SIGHT_SIZES, (*_SIGHT, *general), (_SIGHT[:2],))
+        found.append(Site("instrument", "sensor", *description))
     if chain.measurement.place == "sensor":
         point = _flat(rows("sensor", [0, 1, 2]))
         names = ("seen_x", "seen_y", "seen_z", *general)

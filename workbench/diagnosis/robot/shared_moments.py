@@ -38,9 +38,9 @@ def with_shared_moments(problem: Problem, chain) -> Problem:
     maps = [_map(law, first, chain) for law in laws]
     columns = np.stack([_typical(law) @ m for law, m in zip(laws, maps)], 1)  # (N, C, P)
     orthogonal = without_gravity.orthogonalise(columns.reshape(len(y), -1))
-    parts = np.ascontiguousarray(orthogonal.reshape(columns.shape).swapaxes(0, 1))
-    moments, sizes = _estimated(parts, y)
-    cost = _cost(parts, y, moments, sizes, max(problem.degrees, 1))
+    blocks = np.ascontiguousarray(orthogonal.reshape(columns.shape).swapaxes(0, 1))
+    moments, sizes = _estimated(blocks, y)
+    cost = _cost(blocks, y, moments, sizes, max(problem.degrees, 1))
     known = {law.key: _directed(law, m @ moments) for law, m in zip(laws, maps)}
     candidates = tuple(known.get(c.key, c) for c in problem.candidates)
     return replace(problem, candidates=candidates, moments_cost=cost, cache={})
@@ -64,35 +64,35 @@ def _map(law: Candidate, first: Candidate, chain) -> np.ndarray:
     return moments / moments[0, 0]
 
 
-def _estimated(parts: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _estimated(laws: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Moments (P,), the first of which is 1, and compliances (C,) of laws with columns (C, N, P), in turn.
 
     The residual is predicted minus measured: what is missing has the opposite sign, and no compliance is negative.
     """
-    moments = np.eye(parts.shape[2])[0]
+    moments = np.eye(laws.shape[2])[0]
     for _ in range(MAX_ROUNDS):
-        sizes = _nonpositive((parts @ moments).T, y)
-        columns = np.tensordot(sizes, parts, 1)  # (N, P)
+        sizes = _nonpositive((laws @ moments).T, y)
+        columns = np.tensordot(sizes, laws, 1)  # (N, P)
         moments[1:] = _solved(columns[:, 1:], y - columns[:, 0])
-    return moments, _nonpositive((parts @ moments).T, y)
+    return moments, _nonpositive((laws @ moments).T, y)
 
 
-def _cost(parts: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> float:
+def _cost(laws: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> float:
     """Minus the log of the share of the moments' prior that the data leave, next to all compliances.
 
     The prior has the sizes of the coefficients of every other law: a wider one would cost more than moments of its own
     cost a single law.
     """
-    columns = (parts @ moments).T
+    columns = (laws @ moments).T
     residual = y - columns @ sizes
     variance = float(residual @ residual) / degrees
-    changes = np.tensordot(sizes, parts[:, :, 1:], 1)
+    changes = np.tensordot(sizes, laws[:, :, 1:], 1)
     changes = changes - columns @ _solved(columns, changes)
     values = np.maximum(symmetric_eigenvalues(changes.T @ changes / variance), 0.0)
     spread = SIZES[:, None] ** 2
-    spent = np.log1p(spread * values).sum(1)
+    log_volume = np.log1p(spread * values).sum(1)
     unlikely = (moments[1:] ** 2 / spread).sum(1)
-    return -float(marginalise_sizes(-0.5 * (spent + unlikely)))
+    return -float(marginalise_sizes(-0.5 * (log_volume + unlikely)))
 
 
 def _nonpositive(columns: np.ndarray, y: np.ndarray) -> np.ndarray:

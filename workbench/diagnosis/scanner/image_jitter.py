@@ -113,13 +113,19 @@ class _Stripes:
         """p-value of a one-way analysis of variance, with the degrees of freedom that the contrasts leave."""
         _, step = np.unique(self.step, return_inverse=True)
         means = np.bincount(step, self.displaced) / np.bincount(step)
-        between = float((means[step] ** 2).sum())
-        within = float(((self.displaced - means[step]) ** 2).sum())
+        between_steps = float((means[step] ** 2).sum())
+        within_steps = float(((self.displaced - means[step]) ** 2).sum())
         degrees = step.max() - _DEGREE
-        rest = len(self.z) - degrees
-        if degrees < 1 or rest < 1 or within <= 0:
+        remaining_degrees = len(self.z) - degrees
+        if degrees < 1 or remaining_degrees < 1 or within_steps <= 0:
             return 1.0
-        return float(fdtrc(degrees, rest, between / degrees / (within / rest)))
+        return float(
+            fdtrc(
+                degrees,
+                remaining_degrees,
+                between_steps / degrees / (within_steps / remaining_degrees),
+            )
+        )
 
     def scores(self, random: bool) -> np.ndarray:
         """(G,) log density of each board pose's contrasts, with the spread of all others, or with noise alone."""
@@ -138,7 +144,7 @@ def find_image_jitter(bench, effects: Sequence[Effect], problem: Problem) -> Ima
     bench: a `SensorBench`; problem: of all its samples, whose folds are taken.
     """
     found = _stripes(bench, tuple(effects), problem)
-    return None if found is None else _judged(bench, found)
+    return None if found is None else _image_jitter(bench, found)
 
 
 def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> ImageJitter | None:
@@ -148,13 +154,13 @@ def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> I
     """
     plain = _stripes(bench, (), problem)
     if plain is None or not effects:
-        return None if plain is None else _judged(bench, plain)
+        return None if plain is None else _image_jitter(bench, plain)
     fitted = _stripes(bench, tuple(effects), problem)
     is_real = _paired_t(fitted.scores(True) - plain.scores(True)) > CRITICAL_T
-    return _judged(bench, fitted if is_real else plain)
+    return _image_jitter(bench, fitted if is_real else plain)
 
 
-def _judged(bench, found: _Stripes) -> ImageJitter | None:
+def _image_jitter(bench, found: _Stripes) -> ImageJitter | None:
     sigma, count = found.sigma, len(found.displaced)
     # a displacement matters from the noise of one averaged point of a stripe on
     noise = float(np.median(bench.chains.board_stripes.sigma))
@@ -204,13 +210,13 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
     return None if found is None else replace(found, bent_px=bent)
 
 
-def _smooth_rms(residual: np.ndarray, stripe: np.ndarray, along: np.ndarray) -> float:
+def _smooth_rms(residual: np.ndarray, stripe: np.ndarray, position: np.ndarray) -> float:
     """px, RMS of the part of residuals (n,) that neighbours along a `stripe` (n,) share: noise is independent."""
-    order = np.lexsort((along, stripe))
+    order = np.lexsort((position, stripe))
     first, second = order[:-1], order[1:]
-    together = stripe[first] == stripe[second]
+    is_same_stripe = stripe[first] == stripe[second]
     products = residual[first] * residual[second]
-    return float(np.sqrt(max(products[together].mean(), 0.0)))
+    return float(np.sqrt(max(products[is_same_stripe].mean(), 0.0)))
 
 
 def _fitted(bench, effects) -> np.ndarray:
@@ -229,7 +235,7 @@ def _angles(chain, step: np.ndarray) -> np.ndarray:
 
 def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
     """Of means (2, s) px, held out and fitted, with variances (s,) px^2, within each board pose."""
-    z, spread, of, displaced = [], [], [], np.full(means.shape[1], np.nan)
+    z, spread, poses, displaced = [], [], [], np.full(means.shape[1], np.nan)
     for k in np.unique(pose):
         of_pose = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
         size = min(_DEGREE, len(of_pose) - 2) + 1
@@ -238,18 +244,18 @@ def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
         place = angle[of_pose] - angle[of_pose].mean()
         place = place / max(np.abs(place).max(), 1e-300)
         orthonormal = np.linalg.qr(np.vander(place, size, increasing=True), mode="complete")[0]
-        apart = orthonormal[:, size:]
-        z.append(apart.T @ means[0, of_pose])
-        spread.append((apart**2).T @ variance[of_pose])
-        of.append(np.full(apart.shape[1], k))
-        displaced[of_pose] = apart @ (apart.T @ means[1, of_pose])
+        complement = orthonormal[:, size:]
+        z.append(complement.T @ means[0, of_pose])
+        spread.append((complement**2).T @ variance[of_pose])
+        poses.append(np.full(complement.shape[1], k))
+        displaced[of_pose] = complement @ (complement.T @ means[1, of_pose])
     if len(z) < _FEWEST_POSES:
         return None
     used = np.isfinite(displaced)
     return _Stripes(
         np.concatenate(z),
         np.concatenate(spread),
-        np.concatenate(of),
+        np.concatenate(poses),
         displaced[used],
         step[used],
         order[used],

@@ -45,8 +45,8 @@ class RandomFocalLength:
     def finding(self) -> Finding:
         """As a finding on the data: there is no law to be fitted."""
         p_value = max(self.scatter.p_value, 1e-300)
-        about = (FocusBreathing.effect, "camera", LABEL, (), p_value, self.probability)
-        return Finding(*about, 0.0, 0.0)
+        description = (FocusBreathing.effect, "camera", LABEL, (), p_value, self.probability)
+        return Finding(*description, 0.0, 0.0)
 
     @property
     def parameters(self) -> tuple[dict, ...]:
@@ -73,21 +73,21 @@ class RandomFocalLength:
         """
         moved = []
         for name, chain in chains.parts.items():
-            here = chain.evaluate(chain.parameters.values, {})
+            evaluation = chain.evaluate(chain.parameters.values, {})
             if name == "corners":
                 moved.append(np.full(chain.pixels.shape[1], np.sqrt(2) * self.scatter.visible_px))
                 continue
-            by_focal = by_focal_length(chain.camera, here)[0]
+            by_focal = by_focal_length(chain.camera, evaluation)[0]
             if name == "board_stripes":
                 place = chain.poses[chain.labels["placement"], :3].T
-                by_focal = by_focal + (here.family_rows("placement")[:3, 0] * place).sum(0)
+                by_focal = by_focal + (evaluation.family_rows("placement")[:3, 0] * place).sum(0)
             moved.append(self.scatter.share * np.abs(by_focal))
         return np.concatenate(moved)
 
     def of_stripes(self, chain) -> np.ndarray:
         """(n,) px, displacement of points of stripes by 1 sigma of the focal length of their image."""
-        here = chain.evaluate(chain.parameters.values, {})
-        return self.scatter.share * by_focal_length(chain.camera, here)[0]
+        evaluation = chain.evaluate(chain.parameters.values, {})
+        return self.scatter.share * by_focal_length(chain.camera, evaluation)[0]
 
 
 def find_random_focal_length(bench) -> RandomFocalLength | None:
@@ -97,14 +97,16 @@ def find_random_focal_length(bench) -> RandomFocalLength | None:
         return None
     problem = linear.problem()
     residual = problem.orthogonalise(problem.residual)
-    own, size, _ = np.linalg.svd(problem.orthogonalise(linear.focal_lengths()), full_matrices=False)
-    own, size = own[:, size > ROUNDING * size[0]], size[size > ROUNDING * size[0]]
-    score = own.T @ residual
+    directions, size, _ = np.linalg.svd(
+        problem.orthogonalise(linear.focal_lengths()), full_matrices=False
+    )
+    directions, size = directions[:, size > ROUNDING * size[0]], size[size > ROUNDING * size[0]]
+    score = directions.T @ residual
     explained = float(score @ score)
-    rest = float(residual @ residual) - explained
+    remaining = float(residual @ residual) - explained
     degrees = len(residual) - problem.basis.shape[1] - len(size)
-    p_value = float(fisher.sf(explained / len(size) * degrees / rest, len(size), degrees))
-    lack_of_fit = rest - degrees
+    p_value = float(fisher.sf(explained / len(size) * degrees / remaining, len(size), degrees))
+    lack_of_fit = remaining - degrees
     if p_value > DATA_FAULT_LEVEL or explained - len(size) < max(
         lack_of_fit, degrees * NOTABLE_SHARE
     ):

@@ -23,7 +23,12 @@ from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Found, Problem
 from workbench.diagnosis.scanner.predictions import Predicted, scored_errors
-from workbench.diagnosis.scanner.sensor_library import Kind, described, places
+from workbench.diagnosis.scanner.sensor_covariates import (
+    join_covariates,
+    kind_of_sensor,
+    split_covariates,
+)
+from workbench.diagnosis.scanner.sensor_library import described, places
 from workbench.diagnosis.scanner.sensor_linear import (
     WIDEST,
     Linear,
@@ -39,7 +44,6 @@ from workbench.jobs.sensor.chains import Chains, Progress
 
 Measure = Callable[[np.ndarray], np.ndarray]
 
-_IDENTIFIERS = ("placement", "scan", "sample", "step")  # columns that only name an image
 FREE_MIRROR = tuple(name for name in NAMES if name not in ("gain", "face_zero"))
 
 _FREE = 30.0  # typical sizes that a solve takes for one
@@ -66,15 +70,15 @@ class SensorBench(Bench):
     def __init__(self, chains: Chains):
         self.jitter_px = 0.0
         self.focal = None
-        self.kind = _kind(chains)
+        self.kind = kind_of_sensor(chains)
         middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
         covariates_of_parts = {
             name: described(measured_chains.noiseless(chain), name, middle)
             for name, chain in parts.items()
         }
-        self.covariates = _joined(covariates_of_parts, chains.counts)
-        filled = _split(self.covariates, chains.counts, parts)
+        self.covariates = join_covariates(covariates_of_parts, chains.counts)
+        filled = split_covariates(self.covariates, chains.counts, parts)
         filled = {name: replace(chain, covariates=filled[name]) for name, chain in parts.items()}
         self.chains = replace(chains, **filled)
         self.n = sum(chains.counts)
@@ -131,7 +135,7 @@ class SensorBench(Bench):
         part = None if samples is None else samples.tobytes()
         solved = self._solved.setdefault(part, {})
         if named not in solved:
-            chains = self.chains if samples is None else _at(self.chains, samples)
+            chains = self.chains if samples is None else _select_samples(self.chains, samples)
             fit = self._fit(chains, tuple(effects), _nearest(solved, named))
             for _ in range(MAX_ROUNDS):
                 if not fit.converged:
@@ -150,20 +154,22 @@ class SensorBench(Bench):
         from the truth that a solve does not find back. Once that was so, solves with effects start from the
         calibration.
         """
-        every, first = models(chains, effects), (self._table(chains, effects), families_of(chains))
+        all_models = models(chains, effects)
+        tables = (self._table(chains, effects), families_of(chains))
         start = (nearest.parameters, nearest.values) if nearest else self._start
         if start is None or (self._is_far and effects and nearest is None):
-            fit = solve_bundle(every, *first, loss="huber")
+            fit = solve_bundle(all_models, *tables, loss="huber")
             if not effects:
                 self._start = fit.parameters, fit.values
             return fit
-        families = {n: replace(f, values=start[1][n]) for n, f in first[1].items()}
-        fit = solve_bundle(every, first[0].take_over(start[0]), families, loss="huber")
+        families = {n: replace(f, values=start[1][n]) for n, f in tables[1].items()}
+        fit = solve_bundle(all_models, tables[0].take_over(start[0]), families, loss="huber")
         if fit.converged:
             return fit
-        again = solve_bundle(every, *first, loss="huber")
-        self._is_far = again.converged and bool(effects)
-        return again if again.converged or again.history[-1] < fit.history[-1] else fit
+        second_fit = solve_bundle(all_models, *tables, loss="huber")
+        self._is_far = second_fit.converged and bool(effects)
+        is_better = second_fit.converged or second_fit.history[-1] < fit.history[-1]
+        return second_fit if is_better else fit
 
     def _table(self, chains: Chains, effects) -> Parameters:
         return shared(models(chains, effects), chains.gain_free)
@@ -203,7 +209,7 @@ class SensorBench(Bench):
             out = folds == fold
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
-            chains = _at(_with_planes(self.chains, fit), touched)
+            chains = _select_samples(_with_planes(self.chains, fit), touched)
             residuals = self._held_by_corners(chains, effects, fit, independent)
             found = np.concatenate([measure(residual) for residual in residuals])
             error[touched & out] = found[out[touched]]
@@ -213,8 +219,8 @@ class SensorBench(Bench):
         self, chains: Chains, effects, known: BundleFit, independent: bool
     ) -> list[np.ndarray]:
         """(m, n) px of each part, with everything `known` but board poses, from corners, and centres of balls."""
-        without = replace(chains, board_stripes=None)
-        poses = self._posed(without, effects, known.parameters).values
+        corner_chains = replace(chains, board_stripes=None)
+        poses = self._posed(corner_chains, effects, known.parameters).values
         posed = {name: chain.with_families(poses) for name, chain in chains.parts.items()}
         part_models = dict(zip(posed, models(replace(chains, **posed), effects)))
         if not independent:
@@ -319,80 +325,6 @@ def _nearest(solved: Mapping, named: frozenset) -> BundleFit | None:
     return None if best is None else solved[best][1]
 
 
-def _kind(chains: Chains) -> Kind:
-    columns: dict[str, list] = {}
-    for name, chain in chains.parts.items():
-        for column, values in chain.covariates.items():
-            if column in _IDENTIFIERS or column == "mirror_deg":
-                continue
-            if name != "corners" or column not in ("sweep", "mirror_speed_deg_s"):
-                columns.setdefault(column, []).append(values)
-    varies = {c for c, parts in columns.items() if np.ptp(np.concatenate(parts)) > 0}
-    mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
-    light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
-    axis = tuple(chains.board_stripes.mirror.axis.tolist()) if mirror else None
-    balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
-    has_stripes = chains.board_stripes is not None
-    times = _laser_column(chains, "time_s") if has_stripes else _times(chains.corners)
-    lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])
-    return Kind(
-        chains.board_stripes is not None,
-        mirror,
-        balls,
-        frozenset(varies),
-        light,
-        axis,
-        spreads=_spreads(chains, varies),
-        times=tuple(np.unique(times).tolist()),
-        board_lines=lines,
-        depth_mm=round(float(chains.corners.state.points[2].mean()), 1),
-        line_along="columns" if has_stripes and chains.board_stripes.scan[1, 0] else "rows",
-    )
-
-
-def _times(corners) -> np.ndarray:
-    """(n,) s when corners were seen; empty where that is not recorded."""
-    return np.asarray(corners.covariates.get("time_s", ()), float)
-
-
-def _laser_column(chains: Chains, name: str) -> np.ndarray:
-    """(n,) a recorded column of all stripes; empty where some have none."""
-    parts = [chain for part, chain in chains.parts.items() if part != "corners"]
-    if not all(name in chain.covariates for chain in parts):
-        return np.empty(0)
-    return np.concatenate([chain.covariates[name] for chain in parts])
-
-
-def _spreads(chains: Chains, varies) -> tuple[tuple[str, float], ...]:
-    """Standard deviation of each recorded column that varies among the stripes."""
-    if chains.board_stripes is None:
-        return ()
-    spreads = {name: _laser_column(chains, name) for name in sorted(varies)}
-    return tuple((name, float(v.std())) for name, v in spreads.items() if v.size and v.std() > 0)
-
-
-def _joined(parts: Mapping[str, Mapping], counts) -> dict[str, np.ndarray]:
-    """(n,) every covariate of any part; in a part that does not have it the mean of the others."""
-    names = sorted({name for part in parts.values() for name in part if name not in _IDENTIFIERS})
-    joined = {}
-    for name in names:
-        known = np.concatenate([part[name] for part in parts.values() if name in part])
-        middle = float(np.nan_to_num(known).mean())
-        columns = []
-        for part, count in zip(parts.values(), counts):
-            columns.append(part.get(name, np.full(count, middle)))
-        joined[name] = np.nan_to_num(np.concatenate(columns).astype(float))
-    return joined
-
-
-def _split(covariates, counts, parts) -> dict[str, dict]:
-    edges = np.cumsum((0, *counts))
-    return {
-        part: {name: column[a:b] for name, column in covariates.items()}
-        for part, a, b in zip(parts, edges, edges[1:])
-    }
-
-
 def _poses(chains: Chains) -> np.ndarray:
     labels = [chain.labels["placement"] for part, chain in chains.parts.items() if part != "balls"]
     if chains.balls is not None:
@@ -409,14 +341,14 @@ def _sigma(chains: Chains) -> np.ndarray:
     return np.concatenate(sigmas)
 
 
-def _at(chains: Chains, samples: np.ndarray) -> Chains:
+def _select_samples(chains: Chains, samples: np.ndarray) -> Chains:
     """The chains on some of all samples (n,) bool; a part of which nothing is left stays out."""
     edges = np.cumsum((0, *chains.counts))
-    parts = {}
+    selected = {}
     for (name, chain), a, b in zip(chains.parts.items(), edges, edges[1:]):
         used = samples[a:b]
-        parts[name] = chain.at(used) if used.any() or name == "corners" else None
-    return replace(chains, **parts)
+        selected[name] = chain.at(used) if used.any() or name == "corners" else None
+    return replace(chains, **selected)
 
 
 def _with_planes(chains: Chains, fit: BundleFit) -> Chains:

@@ -72,24 +72,30 @@ class Kind:
 
 def places(kind: Kind) -> list[Place]:
     """Places of smooth alternatives; a recorded column without a model is tested at every place."""
-    more = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s", *Blooming.needs}))
+    recorded = tuple(sorted(kind.varying - {"sweep", "mirror_speed_deg_s", *Blooming.needs}))
     turning = tuple(sorted(kind.varying & {"sweep", "mirror_speed_deg_s"}))
     found = [
-        Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *more), (("u", "v"),)),
+        Place("camera", "pixel", (0, 1), "px", 0.05, ("u", "v", *recorded), (("u", "v"),)),
         Place(
             "artefact",
             "target",
             (2,),
             "mm",
             0.05,
-            ("board_x", "board_y", *more),
+            ("board_x", "board_y", *recorded),
             (("board_x", "board_y"),),
         ),
     ]
     if kind.stripes:
         found.append(
             Place(
-                "laser", "plane", (3,), "mm", 0.02, ("along", "range", *more), (("along", "range"),)
+                "laser",
+                "plane",
+                (3,),
+                "mm",
+                0.02,
+                ("along", "range", *recorded),
+                (("along", "range"),),
             )
         )
         found.append(
@@ -99,12 +105,12 @@ def places(kind: Kind) -> list[Place]:
                 (2,),
                 "mm",
                 0.02,
-                ("range", "incidence", "u", "v", *more),
+                ("range", "incidence", "u", "v", *recorded),
                 (("u", "v"), ("range", "v")),
             )
         )
     if kind.mirror:
-        found.append(Place("mirror", "mirror", (0,), "rad", 1e-4, ("mirror", *turning, *more)))
+        found.append(Place("mirror", "mirror", (0,), "rad", 1e-4, ("mirror", *turning, *recorded)))
         found.append(
             Place("mirror", "plane", (3,), "mm", 0.02, ("mirror",), (("mirror", "along"),))
         )

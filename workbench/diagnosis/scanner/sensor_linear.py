@@ -28,7 +28,7 @@ from workbench.diagnosis.scanner.sensor_library import places
 from workbench.jobs.sensor import chains as measured_chains
 from workbench.jobs.sensor.chains import Chains
 
-_VISIBLE, WIDEST = 5.0, 300.0
+_VISIBLE_SIGMAS, WIDEST = 5.0, 300.0
 """Sigmas that are just visible, and multiples of a typical size beyond which nothing is asked for."""
 _SAME_SPREAD = 0.9
 """Share of shared errors that remain from which on an effect leaves them as they are: a spread is known to a tenth."""
@@ -78,18 +78,18 @@ def with_remaining_shared_errors(
     stripes = chains.board_stripes
     if not effects or stripes is None or stripes.together is None:
         return None
-    together = stripes.together
-    left = residual_of_stripes(chains, effects, fit)
-    sigma = np.zeros(len(together.sigma))
+    shared = stripes.together
+    remainder = residual_of_stripes(chains, effects, fit)
+    sigma = np.zeros(len(shared.sigma))
     for kind in (2, 0, 1):  # board poses, stripes, tilts of stripes
-        shape, label = together.shapes[kind], together.labels[kind]
+        shape, label = shared.shapes[kind], shared.labels[kind]
         squares = np.bincount(label, shape**2)
-        size = np.bincount(label, shape * left) / np.maximum(squares, 1e-12)
-        left = left - shape * size[label]
+        size = np.bincount(label, shape * remainder) / np.maximum(squares, 1e-12)
+        remainder = remainder - shape * size[label]
         sigma[kind] = np.sqrt((size[squares > 0] ** 2).mean())
-    if sigma.max() > _SAME_SPREAD * together.sigma.max():
+    if sigma.max() > _SAME_SPREAD * shared.sigma.max():
         return None
-    remaining = replace(together, sigma=np.minimum(together.sigma, sigma))
+    remaining = replace(shared, sigma=np.minimum(shared.sigma, sigma))
     return replace(chains, board_stripes=replace(stripes, together=remaining))
 
 
@@ -118,7 +118,7 @@ class _Part:
     name: str
     model: Model
     table: Parameters
-    here: Evaluation
+    evaluation: Evaluation
     residual: np.ndarray
     weights: np.ndarray
     steps: list[Step]
@@ -131,7 +131,7 @@ class _Part:
     @property
     def sigma(self) -> np.ndarray:
         """(m, n) px."""
-        return np.broadcast_to(self.model.chain.sigma, self.here.residual.shape)
+        return np.broadcast_to(self.model.chain.sigma, self.evaluation.residual.shape)
 
     def white(self, rows: np.ndarray) -> np.ndarray:
         """(k, m n) whitened rows (k, m, n)."""
@@ -150,11 +150,11 @@ def _evaluated(chains: Chains, effects, values: Mapping[str, float]):
 
 def _without_noise(chains: Chains, effects, values: Mapping[str, float]) -> Chains:
     """The chains as measured without noise, effects at `values`."""
-    still = {}
+    noiseless = {}
     for name, chain in chains.parts.items():
         acting = tuple(effect for effect in effects if acts(effect, name))
-        still[name] = measured_chains.measured(chain, acting, values, 0.0)
-    return replace(chains, **still)
+        noiseless[name] = measured_chains.measured(chain, acting, values, 0.0)
+    return replace(chains, **noiseless)
 
 
 class Linear:
@@ -169,9 +169,9 @@ class Linear:
         # derivatives where nothing is noise: else the noise of a place would fit itself
         self.chains = _without_noise(solved, effects, values)
         seen = _evaluated(solved, effects, values)
-        still = _evaluated(self.chains, effects, values)
+        noiseless_evaluations = _evaluated(self.chains, effects, values)
         self.parts = []
-        for name, (model, _, noisy), noiseless in zip(solved.parts, seen, still):
+        for name, (model, _, noisy), noiseless in zip(solved.parts, seen, noiseless_evaluations):
             steps = _shared_errors(name, model.chain, bench.jitter_px)
             if bench.focal is not None:
                 steps += _focal_lengths(
@@ -192,20 +192,20 @@ class Linear:
 
     def problem(self) -> Problem:
         """The linear problem of the search."""
-        used, parts = self.every, self.parts
+        used, all_parts = self.every, self.parts
         added, values = self.added()
         sample, first = [], 0
-        for part in parts:
+        for part in all_parts:
             count = len(part.weights)
             sample.append(np.tile(np.arange(first, first + count), len(part.residual)))
             first += count
-        residuals = [(part.residual * np.sqrt(part.weights)).ravel() for part in parts]
+        residuals = [(part.residual * np.sqrt(part.weights)).ravel() for part in all_parts]
         return Problem(
             residual=np.concatenate(residuals),
             basis=self.basis,
             sample=np.concatenate(sample),
-            weights=np.concatenate([part.weights for part in parts]),
-            sigma=np.concatenate([part.sigma.ravel() for part in parts]),
+            weights=np.concatenate([part.weights for part in all_parts]),
+            sigma=np.concatenate([part.sigma.ravel() for part in all_parts]),
             pose=self.bench.pose[used],
             order=self.bench.order[used],
             covariates={name: column[used] for name, column in self.bench.covariates.items()},
@@ -238,39 +238,41 @@ class Linear:
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
-        parts, groups = [], len(family.values)
+        blocks, groups = [], len(family.values)
         for part in self.parts:
             columns_of_groups = np.zeros((groups, family.length, part.root.size))
             if name in _FAMILIES[part.name]:
-                rows = part.white(part.here.family_rows(name))
+                rows = part.white(part.evaluation.family_rows(name))
                 rows = rows * np.asarray(family.typical)[:, None]
                 label = np.tile(part.model.chain.labels[name], len(part.root))
                 columns_of_groups[label, :, np.arange(part.root.size)] = rows.T
-            parts.append(columns_of_groups.reshape(groups * family.length, -1))
-        columns = np.concatenate(parts, axis=1)
+            blocks.append(columns_of_groups.reshape(groups * family.length, -1))
+        columns = np.concatenate(blocks, axis=1)
         return columns[np.any(columns != 0, axis=1)]
 
     def focal_lengths(self) -> np.ndarray:
         """(N, G) whitened columns of a relative focal length of the camera for each board pose."""
-        parts = []
+        blocks = []
         for part in self.parts:
             columns = np.zeros((len(self.chains.corners.poses), part.root.size))
             if part.name != "balls":
-                rows = part.white(by_focal_length(part.model.chain.camera, part.here)[None])[0]
+                rows = part.white(by_focal_length(part.model.chain.camera, part.evaluation)[None])[
+                    0
+                ]
                 label = np.tile(part.model.chain.labels["placement"], len(part.root))
                 columns[label, np.arange(rows.size)] = rows
-            parts.append(columns)
-        columns = np.concatenate(parts, axis=1)
+            blocks.append(columns)
+        columns = np.concatenate(blocks, axis=1)
         return columns[np.any(columns != 0, axis=1)].T
 
     def port(self, port: str, port_indices: tuple[int, ...], where: str) -> list:
         """Rows (k, m, n) of each part by the components of a port, None where the place is no part of it."""
-        probe = _At(where, port)
+        probe = _PlaceAndPort(where, port)
         found = []
         for part in self.parts:
             key = part.name, port, port_indices
             if acts(probe, part.name) and key not in self._ports:
-                self._ports[key] = part.here.rows(port, np.asarray(port_indices))
+                self._ports[key] = part.evaluation.rows(port, np.asarray(port_indices))
             found.append(self._ports[key] if acts(probe, part.name) else None)
         return found
 
@@ -302,7 +304,7 @@ class Linear:
         """
         orthogonal = self.cleared(columns)
         best = np.sqrt(max(symmetric_eigenvalues(orthogonal.T @ orthogonal)[-1], 0.0))
-        return float(np.clip(_VISIBLE / max(best, 1e-300), 1.0, WIDEST))
+        return float(np.clip(_VISIBLE_SIGMAS / max(best, 1e-300), 1.0, WIDEST))
 
     def cleared(self, columns: np.ndarray) -> np.ndarray:
         """Columns (N, P) without what the baseline makes."""
@@ -314,15 +316,15 @@ class Linear:
 
     def columns(self, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
         """(N, P) whitened derivative by an effect's parameters at its null, and (P,) typical sizes."""
-        parts, chain = [], None
+        blocks, chain = [], None
         for part in self.parts:
             if not acts(effect, part.name):
-                parts.append(None)
+                blocks.append(None)
                 continue
             chain = part.model.chain
-            rows = part.here.rows(effect.port, np.asarray(effect.port_indices(chain)))
-            parts.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
-        return self.flat(parts).T, np.array([p.typical for p in effect.parameters(chain)])
+            rows = part.evaluation.rows(effect.port, np.asarray(effect.port_indices(chain)))
+            blocks.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
+        return self.flat(blocks).T, np.array([p.typical for p in effect.parameters(chain)])
 
     def scans(self) -> tuple[Scan, ...]:
         """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
@@ -344,8 +346,8 @@ class Linear:
             if all(part_rows is None for part_rows in rows):
                 continue
             typical = np.full(len(place.port_indices), place.typical)
-            what = (place.unit, typical, place.covariates, place.pairs)
-            found.append(Site(place.where, place.port, self.flat(rows), *what))
+            description = (place.unit, typical, place.covariates, place.pairs)
+            found.append(Site(place.where, place.port, self.flat(rows), *description))
         return tuple(found)
 
 
@@ -355,19 +357,21 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
         return []
     group = chain.labels["placement" if name == "board_stripes" else "ball"]
     labels = {"placement": group, "step": chain.labels["step"]}
-    along = (chain.pixels[::-1] * chain.scan).sum(0)
-    together = replace(Together.of(labels, along), sigma=np.array([sigma_px, 0.0, 0.0]))
-    return together.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
+    position = (chain.pixels[::-1] * chain.scan).sum(0)
+    shared = replace(Together.of(labels, position), sigma=np.array([sigma_px, 0.0, 0.0]))
+    return shared.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
 
 
-def _focal_lengths(name: str, chain, here: Evaluation, scatter, before: list[Step]) -> list[Step]:
+def _focal_lengths(
+    name: str, chain, evaluation: Evaluation, scatter, before: list[Step]
+) -> list[Step]:
     """Factors that make points of stripes independent which a focal length of their image displaces together."""
     if name == "corners":
         return []
     of_image = chain.labels["placement" if name == "board_stripes" else "ball"]
     label = groups(of_image, chain.labels["step"])[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
-    shape = decorrelated(before, by_focal_length(chain.camera, here)[0])
+    shape = decorrelated(before, by_focal_length(chain.camera, evaluation)[0])
     return [random_effect(scatter.share, label, shape, sigma**-2.0)]
 
 
@@ -381,7 +385,7 @@ def _rounding(name: str, chain, evaluation: Evaluation, before: list[Step]) -> l
 
 
 @dataclass(frozen=True)
-class _At:
+class _PlaceAndPort:
     """A place and a port, for `acts`."""
 
     where: str

@@ -33,16 +33,16 @@ def reviewed(bench: Bench, found: Found, samples: np.ndarray | None = None) -> F
 
 def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
     table = ranked_hypotheses(bare)
-    judged = next(
+    tested = next(
         (h for h in table if (*h.key, h.label) == (finding.effect, finding.where, finding.label)),
         None,
     )
     named = [h for h in table if not h.smooth_covariates]
     alternatives = (
         []
-        if judged is None
-        else (_laws if judged.smooth_covariates else _confounded_effects)(
-            bench, bare, named, judged
+        if tested is None
+        else (_laws if tested.smooth_covariates else _confounded_effects)(
+            bench, bare, named, tested
         )
     )
     if not alternatives:
@@ -50,33 +50,33 @@ def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
     weights = np.array(
         [
             np.logaddexp.reduce([h.log_prior for h in table if h.key == other.key])
-            for other in (judged, *alternatives)
+            for other in (tested, *alternatives)
         ]
     )
     shares = np.exp(weights - np.logaddexp.reduce(weights))
-    return _finding_among(finding, judged, alternatives, shares)
+    return _finding_among(finding, tested, alternatives, shares)
 
 
 def _confounded_effects(
-    bench, bare: Problem, table: Sequence[Hypothesis], judged: Hypothesis
+    bench, bare: Problem, table: Sequence[Hypothesis], tested: Hypothesis
 ) -> list[Hypothesis]:
     """The most probable variant of each other effect with a gain within reach, where it or the finding is large."""
     best: dict[tuple, Hypothesis] = {}
     for h in table:
-        if h.key != judged.key and abs(h.gain - judged.gain) < _REACH * max(h.gain, judged.gain):
+        if h.key != tested.key and abs(h.gain - tested.gain) < _REACH * max(h.gain, tested.gain):
             best.setdefault(h.key, h)
-    if not best or large(bench, bare, judged):
+    if not best or large(bench, bare, tested):
         return list(best.values())
     return [h for h in best.values() if large(bench, bare, h)]
 
 
 def _laws(
-    bench, bare: Problem, named: Sequence[Hypothesis], judged: Hypothesis
+    bench, bare: Problem, named: Sequence[Hypothesis], tested: Hypothesis
 ) -> list[Hypothesis]:
     """Laws that would be large at the place of a smooth alternative, and are more probable than it about nothing."""
     best: dict[tuple, Hypothesis] = {}
     for h in named:
-        if h.where == judged.where and h.log_weight > judged.log_weight and large(bench, bare, h):
+        if h.where == tested.where and h.log_weight > tested.log_weight and large(bench, bare, h):
             best.setdefault(h.key, h)
     return list(best.values())
 
@@ -93,22 +93,22 @@ def large(bench, bare: Problem, h: Hypothesis) -> bool:
     return bool((np.abs(sizes) > _LARGE).any())
 
 
-def _finding_among(finding: Finding, judged: Hypothesis, alternatives, shares) -> Finding:
+def _finding_among(finding: Finding, tested: Hypothesis, alternatives, shares) -> Finding:
     """The finding with its confounded effects as alternatives; probabilities are the prior ones."""
-    names = {h.key for h in (judged, *alternatives)}
-    rest = tuple(a for a in finding.alternatives if (a.effect, a.where) not in names)
-    shared = 1 - sum(a.probability for a in rest)
+    names = {h.key for h in (tested, *alternatives)}
+    unchanged = tuple(a for a in finding.alternatives if (a.effect, a.where) not in names)
+    shared = 1 - sum(a.probability for a in unchanged)
     confounded = [
         Alternative(
             *h.key,
             h.label,
             float(shared * share),
-            float(min(1.0, h.gain / max(judged.gain, 1e-300))),
+            float(min(1.0, h.gain / max(tested.gain, 1e-300))),
             "one of the two would be so large that to first order they are confounded",
             h.missing_covariate,
         )
         for h, share in zip(alternatives, shares[1:])
     ]
     return replace(
-        finding, probability=float(shared * shares[0]), alternatives=(*confounded, *rest)
+        finding, probability=float(shared * shares[0]), alternatives=(*confounded, *unchanged)
     )

@@ -113,12 +113,12 @@ class SurfaceDiagnosis:
             },
             "smallest_visible": [
                 {
-                    "effect": one.effect,
-                    "where": one.where,
-                    "variant": one.label,
+                    "effect": candidate.effect,
+                    "where": candidate.where,
+                    "variant": candidate.label,
                     "size_mm": size,
                 }
-                for one, size in self.detectable
+                for candidate, size in self.detectable
             ],
             "against": None,
             "differences": None,
@@ -201,7 +201,7 @@ def diagnose_surface(recording: Recording, progress: Callable[[str], None]) -> S
     search = Search(data, tested)
     retained, refused = search.run()
     terms = [found.candidate for found in retained]
-    columns = np.concatenate([data.baseline, *(one.columns for one in terms)], axis=1)
+    columns = np.concatenate([data.baseline, *(term.columns for term in terms)], axis=1)
     if is_centres:
         shared, noise = None, _stated_noise(recording)
     else:
@@ -230,7 +230,9 @@ def _stated_noise(recording: Recording) -> float:
 def _covariates(tested: list[Candidate], terms: list[Candidate]) -> dict[str, np.ndarray]:
     """(n,) values by name, those that the terms depend on first."""
     return {
-        one.depends_on[0]: one.covariate for one in [*terms, *tested] if one.covariate is not None
+        term.depends_on[0]: term.covariate
+        for term in [*terms, *tested]
+        if term.covariate is not None
     }
 
 
@@ -239,10 +241,10 @@ def _remaining_errors(data: SurfaceData, columns: np.ndarray) -> tuple[SharedErr
     white, target = data.whitened(columns), data.whitened(data.residual[:, None])[:, 0]
     solution = np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
     remaining = data.residual - columns @ solution
-    within = without_pose_shifts(remaining, data.normal, data.pose)
-    noise = max(robust_spread(within), LEAST_NOISE)
+    without_shifts = without_pose_shifts(remaining, data.normal, data.pose)
+    noise = max(robust_spread(without_shifts), LEAST_NOISE)
     noise_of_poses = pose_error(data, remaining, noise)
-    return _shared_errors(data, within), float(np.hypot(noise, noise_of_poses))
+    return _shared_errors(data, without_shifts), float(np.hypot(noise, noise_of_poses))
 
 
 def _shared_errors(data: SurfaceData, remaining: np.ndarray) -> SharedErrors | None:
@@ -255,17 +257,17 @@ def _shared_errors(data: SurfaceData, remaining: np.ndarray) -> SharedErrors | N
     scores = ndtri((np.argsort(np.argsort(remaining)) + 0.5) / len(remaining))
     found = None
     for share in _DISTANCES:
-        one, other = pairs_at(data, share).T
-        if len(one) < LEAST_NUMBER:
+        first, second = pairs_at(data, share).T
+        if len(first) < LEAST_NUMBER:
             continue
-        products = scores[one] * scores[other] + (basis[one] * basis[other]).sum(1)
+        products = scores[first] * scores[second] + (basis[first] * basis[second]).sum(1)
         correlation = float(products.mean())
-        p_value = 2 * len(_DISTANCES) * float(norm.sf(abs(correlation) * np.sqrt(len(one))))
+        p_value = 2 * len(_DISTANCES) * float(norm.sf(abs(correlation) * np.sqrt(len(first))))
         is_notable = p_value < DATA_FAULT_LEVEL and correlation**2 > NOTABLE_SHARE**2
         if is_notable and (found is None or abs(correlation) > abs(found.correlation)):
             size = float(np.sqrt(abs(correlation) * np.mean(remaining**2)))
-            apart = np.linalg.norm(data.local[:, one] - data.local[:, other], axis=0)
-            found = SharedErrors(size, correlation, float(np.median(apart)))
+            distances = np.linalg.norm(data.local[:, first] - data.local[:, second], axis=0)
+            found = SharedErrors(size, correlation, float(np.median(distances)))
     return found
 
 

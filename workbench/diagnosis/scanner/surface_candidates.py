@@ -68,9 +68,9 @@ def candidates(recording: Recording, data: SurfaceData, is_profile: bool) -> lis
         found += _of_ball(data, state)
     recorded_columns = dict(_recorded(recording, data))
     for name, values in recorded_columns.items():
-        column = (data.along(2) * (values - values.mean()))[:, None]
-        about = (recorded.RecordedColumn.effect, "sensor", f"z errs with {name}")
-        found.append(Candidate(*about, ("slope",), ("mm/unit",), column, (name,), values))
+        column = (data.displacement_derivative(2) * (values - values.mean()))[:, None]
+        description = (recorded.RecordedColumn.effect, "sensor", f"z errs with {name}")
+        found.append(Candidate(*description, ("slope",), ("mm/unit",), column, (name,), values))
     return found + list(_smooth(data, covariates | recorded_columns, is_profile))
 
 
@@ -95,7 +95,7 @@ class _State:
         rays = local / np.linalg.norm(local, axis=0)
         if is_profile:  # the plane of light is all that is known of them
             rays = np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), local.shape)
-        normals = np.stack([data.along(axis) for axis in range(3)])
+        normals = np.stack([data.displacement_derivative(axis) for axis in range(3)])
         axes = data.flange[data.pose, :3, :3].transpose(2, 1, 0)
         time = recording.covariates.get("time_s")
         clock = data.pose.astype(float) if time is None else time[data.row]
@@ -128,8 +128,8 @@ def _candidate(
     """
     basis = effect.basis(state)[chosen]
     components = effect.components or range(basis.shape[1])
-    along = np.stack([normals[k] for k in components])
-    columns = np.einsum("pcn,cn->np", basis, along)
+    directions = np.stack([normals[k] for k in components])
+    columns = np.einsum("pcn,cn->np", basis, directions)
     table = np.array(effect.table(None), object)[chosen]
     names = tuple(p.key.rpartition(".")[2] for p in table)
     units = tuple(p.unit for p in table)
@@ -155,16 +155,16 @@ def _of_axes(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
     pairs = ("xz",) if is_profile else ("xy", "xz", "yz")
     for axis in lateral:
         yield _linear(data, axis, axis, f"scale of {axis}", "scale", "1")
-    for one, other in pairs:
-        label = f"angle between {one} and {other} is not 90 deg"
-        yield _linear(data, one, other, label, "angle", "rad")
+    for first, second in pairs:
+        label = f"angle between {first} and {second} is not 90 deg"
+        yield _linear(data, first, second, label, "angle", "rad")
 
 
-def _linear(data: SurfaceData, axis: str, covariate: str, *about: str) -> Candidate:
-    """One axis errs in proportion to a coordinate; about: label, name and unit of the parameter."""
+def _linear(data: SurfaceData, axis: str, covariate: str, *description: str) -> Candidate:
+    """One axis errs in proportion to a coordinate; description: label, name and unit of the parameter."""
     values = data.local[AXES.index(covariate)]
-    column = data.along(AXES.index(axis)) * (values - np.median(values))
-    label, name, unit = about
+    column = data.displacement_derivative(AXES.index(axis)) * (values - np.median(values))
+    label, name, unit = description
     kind = (surface.FieldBias.effect, "sensor", label)
     return Candidate(*kind, (name,), (unit,), column[:, None], (covariate,), values)
 
@@ -214,26 +214,26 @@ def _smooth(data: SurfaceData, covariates, is_profile: bool) -> Iterator[Candida
         for axis in AXES:
             if is_profile and axis == "y":
                 continue
-            along = data.along(AXES.index(axis))[:, None]
+            derivative = data.displacement_derivative(AXES.index(axis))[:, None]
             for text, columns in bases:
                 count = columns.shape[1]
                 if count <= _named_degree(name, axis):
                     continue
                 label = f"{axis} errs by a function of {name}, {text}"
                 names = tuple(f"p{k + 1}" for k in range(count))
-                about = (UNKNOWN, "sensor", label, names, ("mm",) * count)
-                yield Candidate(*about, along * columns, (name,), values)
+                description = (UNKNOWN, "sensor", label, names, ("mm",) * count)
+                yield Candidate(*description, derivative * columns, (name,), values)
 
 
 def _bases(values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Columns (n, k) without a constant that the number of different values supports, with their description."""
     unit = _unit(values)
-    most = len(np.unique(values)) // 2 - 1
+    max_degree = len(np.unique(values)) // 2 - 1
     for degree in _DEGREES:
-        if degree <= most:
+        if degree <= max_degree:
             yield f"a polynomial of degree {degree}", legvander(unit, degree)[:, 1:]
     for terms in _COSINES:
-        if terms <= most:
+        if terms <= max_degree:
             phase = np.pi / 2 * (unit + 1)[:, None] * np.arange(1, terms + 1)
             yield f"a cosine series of {terms} terms", np.cos(phase)
 

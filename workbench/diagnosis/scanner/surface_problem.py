@@ -58,7 +58,7 @@ class SurfaceData:
             white[of_pose] -= basis @ (shrink[:, None] * (basis.T @ white[of_pose]))
         return white / self.noise
 
-    def along(self, axis: int) -> np.ndarray:
+    def displacement_derivative(self, axis: int) -> np.ndarray:
         """(n,) fall of the distance for a point that is displaced by one unit along an axis of the sensor frame."""
         return np.einsum("ni,ni->n", self.normal, self.sensor[self.pose][:, :3, axis])
 
@@ -88,7 +88,7 @@ def linearised(recording: Recording, found: HandEye) -> SurfaceData:
     mount, centre = found.sensor.copy(), found.centre.copy()
     for _ in range(_STEPS):
         solution = (mount, centre, found.radius)
-        data = _at(recording.points.T[:, rows], pose[rows], rows, flange, solution, error)
+        data = _linearise(recording.points.T[:, rows], pose[rows], rows, flange, solution, error)
         white, target = data.whitened(data.baseline), data.whitened(data.residual[:, None])[:, 0]
         step = -np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
         mount[:3, :3] = rotation_matrix(step[3:6]) @ mount[:3, :3]
@@ -97,25 +97,25 @@ def linearised(recording: Recording, found: HandEye) -> SurfaceData:
     return data
 
 
-def _at(local, pose, rows, flange, solution, error) -> SurfaceData:
+def _linearise(local, pose, rows, flange, solution, error) -> SurfaceData:
     """The problem at a hand-eye transform, centre and radius."""
     mount, centre, radius = solution
     sensor = flange @ mount
     points = np.einsum("nij,jn->ni", sensor[pose, :3, :3], local) + sensor[pose, :3, 3]
-    away = points - centre
-    distance = np.linalg.norm(away, axis=1)
-    normal = away / distance[:, None]
+    radial = points - centre
+    distance = np.linalg.norm(radial, axis=1)
+    normal = radial / distance[:, None]
     residual = distance - radius
     in_flange = np.einsum("nji,nj->ni", flange[pose, :3, :3], normal)
     arm = local.T @ mount[:3, :3].T
     by_rotation = np.einsum("ni,nij->nj", in_flange, -skew(arm))
     baseline = np.concatenate([in_flange, by_rotation, -normal], axis=1)
-    within = without_pose_shifts(residual, normal, pose)
-    noise = max(robust_spread(within), LEAST_NOISE)
+    without_shifts = without_pose_shifts(residual, normal, pose)
+    noise = max(robust_spread(without_shifts), LEAST_NOISE)
     spread = max(noise, robust_spread(residual))
     inliers = np.abs(residual - np.median(residual)) < _OUTLIER_SIGMAS * spread
-    parts = (residual[inliers], normal[inliers], pose[inliers], baseline[inliers])
-    return SurfaceData(*parts, noise, error, local[:, inliers], flange, sensor, rows[inliers])
+    arrays = (residual[inliers], normal[inliers], pose[inliers], baseline[inliers])
+    return SurfaceData(*arrays, noise, error, local[:, inliers], flange, sensor, rows[inliers])
 
 
 def linearised_centres(recording: Recording, found: HandEye) -> SurfaceData:
@@ -143,8 +143,8 @@ def linearised_centres(recording: Recording, found: HandEye) -> SurfaceData:
     residual = (points - means[ball]).reshape(-1)
     fitted = residual - baseline @ np.linalg.lstsq(baseline, residual, rcond=ROUNDING)[0]
     noise = max(robust_spread(fitted), LEAST_NOISE)
-    parts = (residual, axes, pose[rows], baseline, noise, LEAST_NOISE, local[:, rows])
-    return SurfaceData(*parts, flange, sensor, rows)
+    arrays = (residual, axes, pose[rows], baseline, noise, LEAST_NOISE, local[:, rows])
+    return SurfaceData(*arrays, flange, sensor, rows)
 
 
 def robust_spread(values: np.ndarray) -> float:

@@ -79,14 +79,16 @@ class Search:
     def __init__(self, data: SurfaceData, candidates: Sequence[Candidate]):
         self.data = data
         self.candidates = list(candidates)
-        self.tests = len({one.kind for one in self.candidates})
+        self.tests = len({candidate.kind for candidate in self.candidates})
         self.target = data.whitened(data.residual[:, None])[:, 0]
-        self.white = {id(one): data.whitened(one.columns) for one in self.candidates}
+        self.white = {
+            id(candidate): data.whitened(candidate.columns) for candidate in self.candidates
+        }
         self.white_baseline = data.whitened(data.baseline)
 
     def run(self) -> tuple[list[Found], list[Found]]:
         """Terms that are retained, and those that are significant and refused."""
-        named = self._grown([], [one for one in self.candidates if one.is_named])
+        named = self._grown([], [term for term in self.candidates if term.is_named])
         terms = max(
             self._grown(named, self.candidates),
             self._grown([], self.candidates),
@@ -94,12 +96,12 @@ class Search:
         )
         refused: list[Found] = []
         while True:
-            tested = [self.found(one, _without(terms, one)) for one in terms]
+            tested = [self.found(term, _drop_term(terms, term)) for term in terms]
             doubtful = [found for found in tested if not found.is_retained]
             if not doubtful:
                 return tested, refused
             worst = max(doubtful, key=lambda found: found.p_value)
-            terms = _without(terms, worst.candidate)
+            terms = _drop_term(terms, worst.candidate)
             if worst.p_value < UNMODELLED_LEVEL:
                 refused.append(worst)
 
@@ -117,7 +119,7 @@ class Search:
         basis = _orthonormal(self._columns(terms))
         remaining = float(self.target @ self.target - ((basis.T @ self.target) ** 2).sum())
         points, rank = len(self.target), basis.shape[1]
-        prior = sum(np.log(RARE_PRIOR) for one in terms if not one.is_named)
+        prior = sum(np.log(RARE_PRIOR) for term in terms if not term.is_named)
         return -(points * np.log(max(remaining, 1e-300)) + rank * np.log(points)) / 2 + prior
 
     def _improved(self, terms: list[Candidate], candidates) -> list[Candidate]:
@@ -132,14 +134,14 @@ class Search:
         return terms
 
     def _exchanged(self, terms: list[Candidate], candidates) -> list[Candidate] | None:
-        for one in terms:
-            others = _without(terms, one)
+        for replaced in terms:
+            others = _drop_term(terms, replaced)
             ranked = self._ranked(others, candidates)
             evidence = {id(trial.candidate): value for trial, value in ranked}
-            if evidence[id(one)] < 0:
+            if evidence[id(replaced)] < 0:
                 return others
             best, value = ranked[0]
-            if value > evidence[id(one)] + LEAST_LOG_ODDS:
+            if value > evidence[id(replaced)] + LEAST_LOG_ODDS:
                 return [*others, best.candidate]
         return None
 
@@ -148,9 +150,9 @@ class Search:
         basis = _orthonormal(self._columns(terms))
         residual = self.target - basis @ (basis.T @ self.target)
         trials = [
-            self._trial(one, basis, residual)
-            for one in candidates
-            if not any(one is term for term in terms)
+            self._trial(candidate, basis, residual)
+            for candidate in candidates
+            if not any(candidate is term for term in terms)
         ]
         if not trials:
             return []
@@ -161,38 +163,38 @@ class Search:
 
     def _columns(self, terms: Sequence[Candidate]) -> np.ndarray:
         return np.concatenate(
-            [self.white_baseline, *(self.white[id(one)] for one in terms)], axis=1
+            [self.white_baseline, *(self.white[id(term)] for term in terms)], axis=1
         )
 
     def _trial(self, candidate: Candidate, basis: np.ndarray, residual: np.ndarray) -> Trial:
         columns = self.white[id(candidate)]
-        own = _orthonormal(columns - basis @ (basis.T @ columns), np.linalg.norm(columns))
-        rank = own.shape[1]
+        orthogonal = _orthonormal(columns - basis @ (basis.T @ columns), np.linalg.norm(columns))
+        rank = orthogonal.shape[1]
         if rank == 0:
             return Trial(candidate, 0.0, 0, 1.0, 1.0)
-        score = own.T @ residual
+        score = orthogonal.T @ residual
         fall = float(score @ score)
-        remaining = residual - own @ score
+        remaining = residual - orthogonal @ score
         degrees = max(len(residual) - basis.shape[1] - rank, _LEAST_DEGREES)
         variance = max(float(remaining @ remaining) / degrees, 1.0)
-        dispersion = variance * max(self._design_effect(own, remaining) / variance, 1.0)
+        dispersion = variance * max(self._design_effect(orthogonal, remaining) / variance, 1.0)
         of_poses = _COORDINATES * len(self.data.sensor) - basis.shape[1] - rank
         statistic = fall / rank / dispersion
         p_value = float(fisher.sf(statistic, rank, max(of_poses, _LEAST_DEGREES)))
         return Trial(candidate, fall, rank, dispersion, min(1.0, p_value * self.tests))
 
-    def _design_effect(self, own: np.ndarray, remaining: np.ndarray) -> float:
+    def _design_effect(self, orthogonal: np.ndarray, remaining: np.ndarray) -> float:
         """Mean square of the scores of single poses, over the square that independent points of variance 1 make."""
-        scores = np.zeros((len(self.data.sensor), own.shape[1]))
-        np.add.at(scores, self.data.pose, own * remaining[:, None])
-        return float((scores**2).sum() / (own**2).sum())
+        scores = np.zeros((len(self.data.sensor), orthogonal.shape[1]))
+        np.add.at(scores, self.data.pose, orthogonal * remaining[:, None])
+        return float((scores**2).sum() / (orthogonal**2).sum())
 
     def found(self, candidate: Candidate, others: Sequence[Candidate]) -> Found:
         """A candidate next to other terms, with held-out errors and alternatives."""
         data = self.data
         ranked = self._ranked(others, self.candidates)
         trial = next(trial for trial, _ in ranked if trial.candidate is candidate)
-        small = np.concatenate([data.baseline, *(one.columns for one in others)], axis=1)
+        small = np.concatenate([data.baseline, *(other.columns for other in others)], axis=1)
         large = np.concatenate([small, candidate.columns], axis=1)
         before, after = data.held_out(small), data.held_out(large)
         everything = np.ones(len(self.target), bool)
@@ -220,16 +222,16 @@ class Search:
         """
         level, power = UNMODELLED_LEVEL / self.tests / 2, CONFIDENCE
         deviations = float(norm.isf(level) + norm.isf(1 - power))
-        for one in self.candidates:
-            if one.is_named and not any(one is term for term in terms):
-                std = self._estimates(one, terms, 1.0)[1]
+        for candidate in self.candidates:
+            if candidate.is_named and not any(candidate is term for term in terms):
+                std = self._estimates(candidate, terms, 1.0)[1]
                 sizes = [
                     self._size(deviations * sigma * column)
-                    for sigma, column in zip(std, one.columns.T)
+                    for sigma, column in zip(std, candidate.columns.T)
                     if np.isfinite(sigma)
                 ]
                 if sizes:
-                    yield one, max(sizes)
+                    yield candidate, max(sizes)
 
     def _size(self, error: np.ndarray) -> float:
         """mm, RMS of the part of an error (n,) that no hand-eye transform and centre of the ball make."""
@@ -260,9 +262,9 @@ def _shares(candidate: Candidate, ranked) -> tuple[float, tuple[tuple[Candidate,
     """Probability of a candidate, and of its alternatives, each with the best number of terms."""
     best: dict[tuple, tuple[Candidate, float]] = {}
     for trial, value in ranked:
-        one = trial.candidate
-        if one.kind not in best or value > best[one.kind][1]:
-            best[one.kind] = (one, value)
+        tested = trial.candidate
+        if tested.kind not in best or value > best[tested.kind][1]:
+            best[tested.kind] = (tested, value)
     total = logsumexp([value for _, value in best.values()])
     share = {kind: float(np.exp(value - total)) for kind, (_, value) in best.items()}
     others = [
@@ -280,5 +282,5 @@ def _orthonormal(columns: np.ndarray, scale: float | None = None) -> np.ndarray:
     return basis[:, size > _SMALLEST * (size[0] if scale is None else scale)]
 
 
-def _without(terms: Sequence[Candidate], candidate: Candidate) -> list[Candidate]:
-    return [one for one in terms if one is not candidate]
+def _drop_term(terms: Sequence[Candidate], candidate: Candidate) -> list[Candidate]:
+    return [term for term in terms if term is not candidate]

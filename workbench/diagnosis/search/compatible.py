@@ -31,14 +31,14 @@ def compatible(h: Hypothesis, other: Hypothesis) -> bool:
     return h.family != other.family or (h.coexists and h.label != other.label)
 
 
-def only_generalises(other: Hypothesis, judged: Hypothesis, chance: float) -> bool:
+def only_generalises(other: Hypothesis, special: Hypothesis, chance: float) -> bool:
     """Whether another law contains this one as a special case, and what it has more explains no more than chance.
 
     It is then no other name: friction that does not grow with the load is backlash. chance: `CLOSE_GAIN` variances.
     """
-    contains = any(judged.effect in effect.subsumes for effect in other.effects)
-    is_larger = other.where == judged.where and other.rank > judged.rank
-    return contains and is_larger and other.gain <= judged.gain + chance
+    contains = any(special.effect in effect.subsumes for effect in other.effects)
+    is_larger = other.where == special.where and other.rank > special.rank
+    return contains and is_larger and other.gain <= special.gain + chance
 
 
 def same_place(law: Hypothesis) -> tuple[str, ...]:
@@ -58,11 +58,11 @@ def equivalent_places(where: str, names: Sequence[str], joints: int) -> tuple[st
     frames = ["base", *(f"link-{k}" for k in range(1, joints + 1)), "tool"]
     if where not in frames:
         return ()
-    between = [f"q{k}" in names for k in range(1, joints + 1)] + [True]
+    joins_next = [f"q{k}" in names for k in range(1, joints + 1)] + [True]
     first = last = frames.index(where)
-    while first > 0 and between[first - 1]:
+    while first > 0 and joins_next[first - 1]:
         first -= 1
-    while last < joints + 1 and between[last]:
+    while last < joints + 1 and joins_next[last]:
         last += 1
     return tuple(frame for frame in frames[first : last + 1] if frame != where)
 

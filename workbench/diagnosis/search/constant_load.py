@@ -49,7 +49,7 @@ def accept_constant_loads(search: Search) -> None:
         accepted_loads = {h.key for h in search.accepted if h.needs_compliance}
         if not search.accepted or name in accepted_loads:
             continue
-        laws = _Laws.of(search, load.effect)
+        laws = _LoadedLaws.of(search, load.effect)
         likeliest = laws.most_probable_set() if laws is not None else None
         if likeliest is None:
             continue
@@ -139,7 +139,7 @@ def _log_posterior(search: Search, remainder: Problem) -> float:
 
 
 @dataclass(frozen=True)
-class _Laws:
+class _LoadedLaws:
     """Terms in a problem that keeps none of them, and what a load of C parameters makes of their columns.
 
     `columns` (N, T) of all terms and `changes` (C, N, T) by each parameter of the load, in typical sizes, the baseline
@@ -160,7 +160,7 @@ class _Laws:
     accepted: int
 
     @classmethod
-    def of(cls, search: Search, load: Effect) -> "_Laws | None":
+    def of(cls, search: Search, load: Effect) -> "_LoadedLaws | None":
         """Of what is accepted and all elastic laws, at the present solution; None where nothing deflects."""
         problem = search.problem.conditional_on(())
         table = [h for h in search.full_table(()) if _deflects(h)]
@@ -168,10 +168,10 @@ class _Laws:
         terms = (*(h for h in others if not h.needs_compliance), *table)
         if not table:
             return None
-        parts = [h.columns(problem) for h in terms]
-        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in parts])]).astype(int)
+        blocks = [h.columns(problem) for h in terms]
+        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in blocks])]).astype(int)
         sizes = np.array([p.typical for p in load.table(search.bench.chain)])
-        changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, parts)]
+        changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, blocks)]
         changes_of_all = np.concatenate(changes, 2)
         first_terms = tuple(range(len(terms) - len(table)))
         numbers = range(len(first_terms), len(terms))
@@ -181,7 +181,7 @@ class _Laws:
         return cls(
             problem,
             terms,
-            problem.orthogonalise(np.concatenate(parts, 1)),
+            problem.orthogonalise(np.concatenate(blocks, 1)),
             np.stack([problem.orthogonalise(change) for change in changes_of_all]),
             start,
             Projected(problem).y,
@@ -196,10 +196,12 @@ class _Laws:
         starts = [members for members in dict.fromkeys(self.first) if self._needs_load(members)]
         if not starts:
             return None
-        none = self._objective(np.zeros(len(self.changes)))
-        without = max(none.value(Stepwise(none).most_probable_set(members)) for members in starts)
+        unloaded = self._objective(np.zeros(len(self.changes)))
+        unloaded_value = max(
+            unloaded.value(Stepwise(unloaded).most_probable_set(members)) for members in starts
+        )
         value, members = max(map(self._climb, starts), key=lambda reached: reached[0])
-        if value <= without + LEAST_LOG_ODDS:
+        if value <= unloaded_value + LEAST_LOG_ODDS:
             return None
         return [self.terms[i] for i in members]
 
@@ -213,11 +215,11 @@ class _Laws:
 
     def _left(self, members: Members, load: np.ndarray) -> float:
         """Sum of squares that a set of laws leaves under a load."""
-        columns = self._under(load)[:, self._index(members)]
+        columns = self._columns_under_load(load)[:, self._index(members)]
         y = self.y
         return float(((y - columns @ least_squares(columns, y, ROUNDING)) ** 2).sum())
 
-    def _under(self, load: np.ndarray) -> np.ndarray:
+    def _columns_under_load(self, load: np.ndarray) -> np.ndarray:
         """(N, T) columns of all terms under a load."""
         return self.columns + np.tensordot(load, self.changes, 1)
 
@@ -260,7 +262,7 @@ class _Laws:
 
     def _objective(self, load: np.ndarray) -> LogPosterior:
         """The objective of all sets of terms under a load."""
-        columns = self._under(load)
+        columns = self._columns_under_load(load)
         terms = []
         for h, first, end in zip(self.terms, self.start, self.start[1:]):
             if _deflects(h):

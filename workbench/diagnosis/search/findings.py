@@ -51,22 +51,22 @@ def finding(
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
     table, accepted = search.alternatives(i), search.accepted[i]
-    judged = search.conditional_hypothesis(i, table)
+    tested = search.conditional_hypothesis(i, table)
     explained, chance = search.explained(), CLOSE_GAIN * search.variance()
     explanations = []
     for h in table:
         counts = (
-            judged.smooth_covariates
+            tested.smooth_covariates
             or not h.smooth_covariates
-            or _explains_more(h, judged, explained)
+            or _explains_more(h, tested, explained)
         )
-        if counts and not only_generalises(h, judged, chance):
+        if counts and not only_generalises(h, tested, chance):
             explanations.append(h)
     total = logsumexp([h.log_weight for h in explanations])
     shares: Counter[tuple] = Counter()
     for h in explanations:
         shares[h.key] += float(np.exp(h.log_weight - total))
-    if not judged.smooth_covariates:
+    if not tested.smooth_covariates:
         shares = _with_sets_of_both(search, i, explanations, shares)
     result = Finding(
         *accepted.key,
@@ -75,10 +75,10 @@ def finding(
         max(family_wise(table), 1e-300),
         float(shares[accepted.key]),
         search.size(i),
-        judged.gain,
+        tested.gain,
         accepted.smooth_covariates,
-        _alternatives(explanations, shares, judged, search.unexplained_gain(), chance),
-        instant=instant_of(search, i, judged),
+        _alternatives(explanations, shares, tested, search.unexplained_gain(), chance),
+        instant=instant_of(search, i, tested),
         option=option_of(search, i),
     )
     if names and accepted.key in names:
@@ -86,9 +86,9 @@ def finding(
     if search.bench.chain is not None:
         result = with_equivalent_places(result, search.bench.chain.robot.joints)
     if not accepted.smooth_covariates:
-        result = _with_unexplained_alternative(search, judged, result)
+        result = _with_unexplained_alternative(search, tested, result)
     more = (*_own_gravity(search, i, table), *_own_torque(search, i))
-    more += _simpler_compliances(search, i, table, judged)
+    more += _simpler_compliances(search, i, table, tested)
     return _with_confounded_laws(result, more)
 
 
@@ -105,9 +105,9 @@ def _with_sets_of_both(
         if h.key != key and shares[h.key] >= LISTED_PROBABILITY:
             others.setdefault(h.key, h)
     odds = odds_of_both(search, i, list(others.values())) if others else ()
-    both = float(sum(shares[other] * o for other, o in zip(others, odds)))
-    out = Counter({name: share / (1 + both) for name, share in shares.items()})
-    out[key] += both / (1 + both)
+    joint_odds = float(sum(shares[other] * o for other, o in zip(others, odds)))
+    out = Counter({name: share / (1 + joint_odds) for name, share in shares.items()})
+    out[key] += joint_odds / (1 + joint_odds)
     return out
 
 
@@ -117,23 +117,23 @@ def with_equivalent_places(finding: Finding, joints: int) -> Finding:
     if finding.effect != "unknown" or not places:
         return finding
     probability = finding.probability / (1 + len(places))
-    about = (finding.label, probability, 1.0, SAME_FUNCTION)
-    others = tuple(Alternative(finding.effect, where, *about) for where in places)
-    rest = tuple(
+    description = (finding.label, probability, 1.0, SAME_FUNCTION)
+    others = tuple(Alternative(finding.effect, where, *description) for where in places)
+    unchanged = tuple(
         a for a in finding.alternatives if a.effect != finding.effect or a.where not in places
     )
-    return replace(finding, probability=probability, alternatives=(*others, *rest))
+    return replace(finding, probability=probability, alternatives=(*others, *unchanged))
 
 
-def _with_confounded_laws(finding: Finding, more: Sequence[Alternative] = ()) -> Finding:
+def _with_confounded_laws(finding: Finding, further: Sequence[Alternative] = ()) -> Finding:
     """The finding with the laws that make the same of any poses; all share what it and these have, each as much.
 
-    more: laws that make the same in these poses.
+    further: laws that make the same in these poses.
     """
     laws = [law for effect in finding.effects for law in effect.confounded_with]
-    if not laws and not more:
+    if not laws and not further:
         return finding
-    named = [*(Alternative(*law, 0.0, 1.0, CONFOUNDED) for law in laws), *more]
+    named = [*(Alternative(*law, 0.0, 1.0, CONFOUNDED) for law in laws), *further]
     keys = {(law.effect, law.where) for law in named}
     same = [a for a in finding.alternatives if (a.effect, a.where) in keys]
     others = tuple(a for a in finding.alternatives if a not in same)
@@ -153,19 +153,19 @@ def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[A
     if accepted.effect != TransmissionHarmonic.effect or accepted.effects[0].order != 1:
         return ()
     key = GravityCompliance.effect, accepted.where
-    own = [h for h in table if h.key == key and type(h.effects[0]) is GravityCompliance]
-    if not own:
+    gravity_laws = [h for h in table if h.key == key and type(h.effects[0]) is GravityCompliance]
+    if not gravity_laws:
         return ()
     problem = search.problem.conditional_on(search.other_indices(i))
     wave = problem.orthogonal_basis(accepted.columns(problem))
-    gravity = problem.orthogonalise(own[0].columns(problem))
-    alike = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
-    why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
-    return (Alternative(*key, "", 0.0, alike, why),) if alike >= CONFOUNDED_SHARE else ()
+    gravity = problem.orthogonalise(gravity_laws[0].columns(problem))
+    likeness = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
+    why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
+    return (Alternative(*key, "", 0.0, likeness, why),) if likeness >= CONFOUNDED_SHARE else ()
 
 
 def _simpler_compliances(
-    search: Search, i: int, table: Sequence[Hypothesis], judged: Hypothesis
+    search: Search, i: int, table: Sequence[Hypothesis], tested: Hypothesis
 ) -> tuple[Alternative, ...]:
     """Compliances elsewhere that explain as much as an accepted one but for chance, with fewer coefficients.
 
@@ -177,9 +177,9 @@ def _simpler_compliances(
         return ()
     found: dict[tuple[str, str], Alternative] = {}
     for h in table:
-        is_simpler = h.effect in ELASTIC and h.key != accepted.key and h.rank < judged.rank
-        if is_simpler and h.gain > judged.gain - chance:
-            alike = min(1.0, h.gain / max(judged.gain, 1e-300))
+        is_simpler = h.effect in ELASTIC and h.key != accepted.key and h.rank < tested.rank
+        if is_simpler and h.gain > tested.gain - chance:
+            alike = min(1.0, h.gain / max(tested.gain, 1e-300))
             why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
             found.setdefault(h.key, Alternative(*h.key, h.label, 0.0, alike, why))
     return tuple(found.values())
@@ -233,17 +233,18 @@ def with_special_cases(findings: Sequence[Finding]) -> list[Finding]:
     """
     remaining = list(findings)
     for general in findings:
-        parts = [
+        special_cases = [
             finding
             for finding in remaining
             if finding is not general and _is_case_of(finding, general)
         ]
-        if parts and any(finding is general for finding in remaining):
+        if special_cases and any(finding is general for finding in remaining):
             merged = [
-                _merged(general, parts) if finding is general else finding for finding in remaining
+                _merged(general, special_cases) if finding is general else finding
+                for finding in remaining
             ]
             remaining = [
-                finding for finding in merged if not any(finding is part for part in parts)
+                finding for finding in merged if not any(finding is part for part in special_cases)
             ]
     return remaining
 
@@ -256,10 +257,10 @@ def _is_case_of(finding: Finding, general: Finding) -> bool:
     return all(effect.coexists and effect.effect in contained for effect in finding.effects)
 
 
-def _merged(general: Finding, parts: Sequence[Finding]) -> Finding:
+def _merged(general: Finding, special_cases: Sequence[Finding]) -> Finding:
     """The general finding with the effects of its special cases."""
-    names = {(part.effect, part.where) for part in parts}
-    merged = (general, *parts)
+    names = {(part.effect, part.where) for part in special_cases}
+    merged = (general, *special_cases)
     others = [a for a in general.alternatives if (a.effect, a.where) not in names]
     probability = max(finding.probability for finding in merged)
     scale = min(1.0, (1 - probability) / max(sum(a.probability for a in others), 1e-300))
@@ -286,13 +287,13 @@ def _with_set_posterior(
     elastic = sum(share for key, share in shares.items() if key in names)
     known = {(a.effect, a.where): a for a in finding.alternatives}
     others = [a for key, a in known.items() if key not in names]
-    instead = []
-    for key, share, alike in posterior.instead:
+    replacements = []
+    for key, share, likeness in posterior.replacements:
         probability = elastic * share
-        why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
+        why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
         label = known[key].label if key in known else ""
-        instead.append(Alternative(*key, label, probability, alike, why))
-    ranked = sorted((*instead, *others), key=lambda a: -a.probability)
+        replacements.append(Alternative(*key, label, probability, likeness, why))
+    ranked = sorted((*replacements, *others), key=lambda a: -a.probability)
     return replace(
         finding,
         probability=elastic * posterior.probability,
@@ -302,7 +303,7 @@ def _with_set_posterior(
 
 
 def _alternatives(
-    table, shares, judged, unexplained: float, noise: float
+    table, shares, tested, unexplained: float, noise: float
 ) -> tuple[Alternative, ...]:
     """Alternatives in the 95 % credible set, or so near in explained variance that the residual could decide.
 
@@ -310,26 +311,28 @@ def _alternatives(
     compliance under its own links alone: it equals one with estimated masses if the load's mass is zero.
     """
     covered, out = 0.0, []
-    special = judged.effects[0].subsumes if judged.label == LABEL else ()
+    special = tested.effects[0].subsumes if tested.label == LABEL else ()
     for key, share in shares.most_common():
         other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
-        less = judged.gain - other.gain  # than the finding explains
-        are_elastic = other.effect in ELASTIC and judged.effect in ELASTIC
-        is_special = other.effect in special and other.where == judged.where
-        is_law = not other.smooth_covariates and other.rank <= judged.rank
-        near = is_special or (are_elastic and less < noise)
-        near = near or (
-            is_law and 0 < unexplained and less < unexplained and len(out) < MOST_LISTED
+        lost_gain = tested.gain - other.gain  # than the finding explains
+        are_elastic = other.effect in ELASTIC and tested.effect in ELASTIC
+        is_special = other.effect in special and other.where == tested.where
+        is_law = not other.smooth_covariates and other.rank <= tested.rank
+        is_near = is_special or (are_elastic and lost_gain < noise)
+        is_near = is_near or (
+            is_law and 0 < unexplained and lost_gain < unexplained and len(out) < MOST_LISTED
         )
-        if key != judged.key and (covered < CONFIDENCE or near):
-            alike = min(1.0, other.gain / max(judged.gain, 1e-300))
-            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
-            out.append(Alternative(*key, other.label, share, alike, why, other.missing_covariate))
+        if key != tested.key and (covered < CONFIDENCE or is_near):
+            likeness = min(1.0, other.gain / max(tested.gain, 1e-300))
+            why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
+            out.append(
+                Alternative(*key, other.label, share, likeness, why, other.missing_covariate)
+            )
         covered += share
     return tuple(out)
 
 
-def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: Finding) -> Finding:
+def _with_unexplained_alternative(search: Search, tested: Hypothesis, finding: Finding) -> Finding:
     """The finding, its probability reduced by that of one unknown effect at its place that causes it and the remainder.
 
     One unknown effect is simpler than two effects at one place, but its direction must equal that of the law by chance
@@ -340,13 +343,13 @@ def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: F
     The reduction is weighted by the probability that the remainder is at this place, since one unknown effect leaves a
     remainder at every place.
     """
-    unexplained, moves, port, is_there = _unexplained_at_place(search, judged)
+    unexplained, moves, port, is_there = _unexplained_at_place(search, tested)
     if unexplained <= 0:
         return finding
-    share = unexplained / (unexplained + judged.gain)
+    share = unexplained / (unexplained + tested.gain)
     places = len({site.where for site in search.problem.sites})
     two = (1 - RARE_PRIOR) * np.exp(SECOND) / (1 if moves else places)
-    directions = 1 if port == "frame" and _has_one_axis(search, judged) else judged.rank
+    directions = 1 if port == "frame" and _has_one_axis(search, tested) else tested.rank
     single = RARE_PRIOR * share ** (max(_MAX_DIRECTIONS - directions, 1) / 2)
     sure = float(1 - is_there * single / (two + single))
     other = Alternative(
@@ -361,12 +364,12 @@ def _with_unexplained_alternative(search: Search, judged: Hypothesis, finding: F
     return replace(finding, probability=finding.probability * sure, alternatives=alternatives)
 
 
-def explains_movement(search: Search, judged: Hypothesis) -> bool:
+def explains_movement(search: Search, tested: Hypothesis) -> bool:
     """Whether the random effect at its place is what a law makes of a covariate that was not recorded."""
-    if search.random_effect is None or search.random_effect.site.where not in same_place(judged):
+    if search.random_effect is None or search.random_effect.site.where not in same_place(tested):
         return False
     return any(
-        a.effect == judged.effect for a in unrecorded_causes(search.random_effect, search.problem)
+        a.effect == tested.effect for a in unrecorded_causes(search.random_effect, search.problem)
     )
 
 
@@ -375,36 +378,36 @@ def with_unrecorded_covariates(search: Search, finding: Finding) -> Finding:
     if search.random_effect is None or search.random_effect.site.where != finding.where:
         return finding
     known = {(a.effect, a.where, a.label) for a in finding.alternatives}
-    more = []
+    unrecorded = []
     for a in unrecorded_causes(search.random_effect, search.problem):
         is_asked = finding.effect in ("unknown", a.effect)
         if is_asked and (a.effect, a.where, a.label) not in known:
-            more.append(a)
-    return replace(finding, alternatives=(*finding.alternatives, *more))
+            unrecorded.append(a)
+    return replace(finding, alternatives=(*finding.alternatives, *unrecorded))
 
 
-def _has_one_axis(search: Search, judged: Hypothesis) -> bool:
+def _has_one_axis(search: Search, law: Hypothesis) -> bool:
     """Whether a law turns one joint."""
     chain = search.bench.chain
-    is_of_joints = {effect.port for effect in judged.effects} == {"joint"}
-    return is_of_joints and all(len(effect.port_indices(chain)) == 1 for effect in judged.effects)
+    is_of_joints = {effect.port for effect in law.effects} == {"joint"}
+    return is_of_joints and all(len(effect.port_indices(chain)) == 1 for effect in law.effects)
 
 
-def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bool, str, float]:
+def _unexplained_at_place(search: Search, law: Hypothesis) -> tuple[float, bool, str, float]:
     """Sum of squares of what is unexplained at a law's place next to it; whether it is the law's own covariate, not
     recorded, that may make it; through which port the largest part acts; and the probability that it is there.
 
     A drift of the session has no exact law: what is left of it in time is the same drift.
     """
-    places, noise = same_place(judged), search.variance()
+    places, noise = same_place(law), search.variance()
     unexplained = [(0.0, "", 0.0)]
     functions = [h for h in search.table(search.accepted_indices) if h.smooth_covariates]
     total = logsumexp([h.log_weight for h in functions]) if functions else 0.0
-    there = [h for h in functions if h.where in places]
-    if judged.effects and all(e.of_session and e.reads == ("time",) for e in judged.effects):
-        there = [h for h in there if h.smooth_covariates != ("time",)]
-    probability = float(np.exp([h.log_weight - total for h in there]).sum())
-    for h in there:
+    local_functions = [h for h in functions if h.where in places]
+    if law.effects and all(e.of_session and e.reads == ("time",) for e in law.effects):
+        local_functions = [h for h in local_functions if h.smooth_covariates != ("time",)]
+    probability = float(np.exp([h.log_weight - total for h in local_functions]).sum())
+    for h in local_functions:
         if h.p / h.weight <= search.level:
             unexplained.append((h.gain - h.rank * noise, _port(h), probability))
     for i, h in enumerate(search.accepted):
@@ -414,8 +417,8 @@ def _unexplained_at_place(search: Search, judged: Hypothesis) -> tuple[float, bo
     if moves:
         site = search.random_effect.site
         unexplained.append((movement(search.random_effect), site.port, 1.0))
-    most, port, is_there = max(unexplained)
-    return most, explains_movement(search, judged), port, is_there
+    largest, port, is_there = max(unexplained)
+    return largest, explains_movement(search, law), port, is_there
 
 
 def _port(function: Hypothesis) -> str:

@@ -15,15 +15,15 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import robust_loss
 
 
-def instant_of(search, i: int, judged: Hypothesis) -> Instant | None:
-    """Instant of an accepted hypothesis, `judged` as it is next to the others; None where it begins at none.
+def instant_of(search, i: int, tested: Hypothesis) -> Instant | None:
+    """Instant of an accepted hypothesis, `tested` as it is next to the others; None where it begins at none.
 
     The uncertainty is the RMS distance of all instants, by their posterior, and the gap between the two samples about
     the one that is stated, anywhere in which the step may be.
     """
-    if not _is_step(judged):
+    if not _is_step(tested):
         return None
-    scan, value = judged.source, judged.value
+    scan, value = tested.source, tested.value
     present, weights = _posterior(search, i, scan)
     spread = float(weights @ (present.options - value) ** 2)
     std = float(np.sqrt(spread + _gap(present, value) ** 2 / 12))
@@ -58,9 +58,9 @@ def _refined(search, i: int) -> Hypothesis:
     scan, value = accepted.source, accepted.value
     present, weights = _posterior(search, i, scan)
     plausible = present.options[(weights > LISTED_PROBABILITY) | (present.options == value)]
-    between = (present.x > plausible.min()) & (present.x <= plausible.max())
+    is_plausible_row = (present.x > plausible.min()) & (present.x <= plausible.max())
     weights = np.tile(problem.weights, problem.ends.count)
-    if not (weights[between] < MAJORITY).any():
+    if not (weights[is_plausible_row] < MAJORITY).any():
         return accepted  # all of these samples count, in the evidence too
     conditional = problem.conditional_on(search.other_indices(i))
     losses = [_loss(conditional, present, option) for option in plausible]

@@ -68,11 +68,11 @@ def dominant_law(objective: LogPosterior, members: Members, count: int) -> Membe
 
     The other terms then explain errors of its linearisation: they are searched again about the solution with the law.
     """
-    whole = objective.gain(members)
+    total_gain = objective.gain(members)
     laws = [(i,) for i in members if not objective.is_smooth[i]]
     best = max(laws, key=objective.gain, default=members)
-    is_large = whole > SIGNIFICANT_SIGMAS**2 * count
-    return best if is_large and objective.gain(best) > LAW * whole else members
+    is_large = total_gain > SIGNIFICANT_SIGMAS**2 * count
+    return best if is_large and objective.gain(best) > LAW * total_gain else members
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
@@ -129,12 +129,12 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         search.screened = with_estimated_options(search, first, ())
     pools = [search.screened]
     if search.accepted:
-        more = _most_probable(search.table(search.accepted_indices), _FIRST // 2, _MAX_SMOOTH)
-        pools.append(with_estimated_options(search, more, search.accepted_indices))
+        additions = _most_probable(search.table(search.accepted_indices), _FIRST // 2, _MAX_SMOOTH)
+        pools.append(with_estimated_options(search, additions, search.accepted_indices))
     if thorough and len(search.accepted) <= _MAX_SMOOTH:
         for others in map(search.other_indices, search.accepted_indices):
-            instead = _most_probable(search.table(others, LAWS), _VARIANTS, 0)
-            pools.append(with_estimated_options(search, instead, others))
+            replacements = _most_probable(search.table(others, LAWS), _VARIANTS, 0)
+            pools.append(with_estimated_options(search, replacements, others))
     chosen = {name_of(h): h for h in _at_current_solution(search, search.accepted)}
     present = tuple(range(len(chosen)))
     for pool in pools:

@@ -105,15 +105,19 @@ class ConditionalSolution:
     @cached_property
     def log_determinant(self) -> np.ndarray:
         """(S,) log determinant of the set."""
-        own = -np.log(self._inverse_eigenvalues).sum(1)
-        own -= len(self._columns) * np.log(self.table.shrink)
-        return own if self.given is None else self.given.log_determinant + own
+        block_determinant = -np.log(self._inverse_eigenvalues).sum(1)
+        block_determinant -= len(self._columns) * np.log(self.table.shrink)
+        return (
+            block_determinant
+            if self.given is None
+            else self.given.log_determinant + block_determinant
+        )
 
     @cached_property
     def gain(self) -> np.ndarray:
         """(S,) gain of the set."""
-        own = (self._solution * self._score).sum(1)
-        return own if self.given is None else self.given.gain + own
+        block_gain = (self._solution * self._score).sum(1)
+        return block_gain if self.given is None else self.given.gain + block_gain
 
     def coefficients(self, size: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (k,) of some columns (k,) and their standard errors (k,) in sigmas, for one of the sizes.
@@ -122,9 +126,9 @@ class ConditionalSolution:
         """
         order = np.argsort(self._columns)
         rows = order[np.searchsorted(self._columns[order], columns)]
-        within = self._inverse_eigenvalues[size]
+        inverse_eigenvalues = self._inverse_eigenvalues[size]
         vectors = self._vectors[size if len(self._vectors) > 1 else 0][rows]
-        return vectors @ self._solution[size], np.sqrt((vectors**2 * within).sum(1))
+        return vectors @ self._solution[size], np.sqrt((vectors**2 * inverse_eigenvalues).sum(1))
 
     def blocks(self, columns: np.ndarray) -> np.ndarray:
         """(S, C, w, w) what is left of the inner products of C terms with columns (C, w)."""
@@ -177,9 +181,9 @@ class LogPosterior:
         """
         projected = Projected(problem, remainder)
         accepted = accepted or Accepted()
-        parts = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
-        start = np.concatenate([[0], np.cumsum([c.shape[1] for c in parts])]).astype(int)
-        raw = np.concatenate(parts, 1)
+        blocks = [accepted.loads.get(i, h.columns(problem)) for i, h in enumerate(terms)]
+        start = np.concatenate([[0], np.cumsum([c.shape[1] for c in blocks])]).astype(int)
+        raw = np.concatenate(blocks, 1)
         columns = problem.orthogonalise(raw)
         _condition_on_compliances(columns, start, terms, accepted)
         others = _other_laws(raw, start, terms, accepted)
@@ -200,7 +204,7 @@ class LogPosterior:
             not problem.given_values,
         )
 
-    def among(self, rows: np.ndarray) -> "LogPosterior":
+    def select_terms(self, rows: np.ndarray) -> "LogPosterior":
         """The objective of sets of some of the terms, by their numbers (k,); those that are not looked at cost most."""
         if len(rows) == len(self.terms):
             return self
@@ -212,7 +216,7 @@ class LogPosterior:
             np.concatenate([[0], np.cumsum(np.diff(self.start)[rows])]),
             self.yy,
             self.degrees,
-            self.priors.among(rows),
+            self.priors.select_terms(rows),
             self.is_rigid,
         )
 
@@ -262,8 +266,8 @@ class LogPosterior:
 
     def index(self, members: Members) -> np.ndarray:
         """Columns of a set."""
-        parts = [np.arange(self.start[i], self.start[i + 1]) for i in members]
-        return np.concatenate([np.zeros(0, int), *parts])
+        ranges = [np.arange(self.start[i], self.start[i + 1]) for i in members]
+        return np.concatenate([np.zeros(0, int), *ranges])
 
     def gain(self, members: Members) -> float:
         """Fall of the sum of squares by a set, its coefficients hardly held back."""
@@ -323,13 +327,13 @@ class LogPosterior:
         free &= self._carries_loads(base)
         weights = self._with_each(base, free)
         signs = int(self.priors.positive[list(base)].sum())
-        most = np.log(2) * (signs + self.priors.positive)  # that signs add
+        sign_bonus = np.log(2) * (signs + self.priors.positive)  # that signs add
         top = (-np.inf, base)
-        for k in np.argsort(-(weights + most)):
-            if not weights[k] + most[k] > top[0]:
+        for k in np.argsort(-(weights + sign_bonus)):
+            if not weights[k] + sign_bonus[k] > top[0]:
                 break
             members = (*base, int(k))
-            top = max(top, (self.value(members) if most[k] else float(weights[k]), members))
+            top = max(top, (self.value(members) if sign_bonus[k] else float(weights[k]), members))
         return top
 
     def _carries_loads(self, base: Members) -> np.ndarray:
@@ -367,9 +371,9 @@ class LogPosterior:
             if len(self.large) >= _KEPT:
                 del self.large[next(iter(self.large))]
             self.large[large] = ConditionalSolution(self.table, self.index(tuple(sorted(large))))
-        rest = tuple(i for i in members if i not in large)
+        small = tuple(i for i in members if i not in large)
         solved = self.large[large]
-        return ConditionalSolution(self.table, self.index(rest), solved) if rest else solved
+        return ConditionalSolution(self.table, self.index(small), solved) if small else solved
 
     def _evidence_with(self, solved: ConditionalSolution, columns: np.ndarray) -> np.ndarray:
         """(C,) log evidence of a set with each of C terms with columns (C, w).
@@ -378,23 +382,23 @@ class LogPosterior:
         """
         blocks = solved.blocks(columns)
         shrink, width = self.table.shrink, columns.shape[1]
-        both = np.zeros((*blocks.shape[:2], width + 1, width + 1))
-        both[..., :-1, :-1] = blocks
-        both[..., range(width), range(width)] += shrink[:, None, None]
-        both[..., -1, :-1] = solved.scores[:, columns]
-        both[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
+        bordered = np.zeros((*blocks.shape[:2], width + 1, width + 1))
+        bordered[..., :-1, :-1] = blocks
+        bordered[..., range(width), range(width)] += shrink[:, None, None]
+        bordered[..., -1, :-1] = solved.scores[:, columns]
+        bordered[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
         try:
-            factor = np.linalg.cholesky(both)
-            more = (factor[..., -1, :-1] ** 2).sum(-1)
+            factor = np.linalg.cholesky(bordered)
+            added_gain = (factor[..., -1, :-1] ** 2).sum(-1)
             log_determinant = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
         except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
-            along = np.einsum("scij,sci->scj", vectors, solved.scores[:, columns])
-            more, log_determinant = (along**2 / values).sum(-1), np.log(values).sum(-1)
+            projected = np.einsum("scij,sci->scj", vectors, solved.scores[:, columns])
+            added_gain, log_determinant = (projected**2 / values).sum(-1), np.log(values).sum(-1)
         volume = log_determinant - width * np.log(shrink)[:, None]
         return log_evidence(
-            solved.log_determinant[:, None] + volume, solved.gain[:, None] + more, self
+            solved.log_determinant[:, None] + volume, solved.gain[:, None] + added_gain, self
         )
 
 

@@ -51,10 +51,10 @@ class RealFamily:
             values = [] if base is None else base.options.tolist()
         else:
             variants = [c for c in problem.candidates if c.word == source.word != ""]
-            alike = [
+            same_law = [
                 c for c in variants if (c.effect, c.where) == hypothesis.key and not c.is_exact
             ]
-            values = [getattr(c.effects[0], name) for c in alike]
+            values = [getattr(c.effects[0], name) for c in same_law]
         return cls(problem, hypothesis, name, np.unique(values)) if len(values) > 1 else None
 
     @property
@@ -71,13 +71,13 @@ class RealFamily:
         """
         grid, value = self.grid, self.value
         if isinstance(self.hypothesis.source, Candidate):
-            beyond = grid[0] ** 2 / grid[1], grid[-1] ** 2 / grid[-2]
+            outer_bounds = grid[0] ** 2 / grid[1], grid[-1] ** 2 / grid[-2]
         else:
             first, last = np.diff(grid)[[0, -1]]
-            beyond = max(value - first, value / 2), value + last
+            outer_bounds = max(value - first, value / 2), value + last
         lower, upper = grid[grid < value], grid[grid > value]
-        low = lower.max() if len(lower) else beyond[0]
-        return float(low), float(upper.min() if len(upper) else beyond[1])
+        low = lower.max() if len(lower) else outer_bounds[0]
+        return float(low), float(upper.min() if len(upper) else outer_bounds[1])
 
     def columns(self, value: float) -> np.ndarray:
         """(N, P) whitened columns in typical sizes at a value."""
@@ -163,7 +163,7 @@ def with_estimated_options(
     Conditional on the accepted terms numbered `conditions`. Without this variant a search would prefer two neighbouring
     options of the grid to a wave between them, or add a smooth function to a warm-up with an option of the grid.
     """
-    seen, more = set(), []
+    seen, refinements = set(), []
     projected = Projected(search.problem.conditional_on(conditions))
     total = float(projected.y @ projected.y)
     for h in pool:
@@ -177,8 +177,8 @@ def with_estimated_options(
         for law in (h, *_other_laws(projected, h)):
             family = RealFamily.of(search.problem, law)
             refined = law if family is None else _refined(_Profile(family, projected), law)
-            more += [refined] if refined is not law else []
-    return [*pool, *more]
+            refinements += [refined] if refined is not law else []
+    return [*pool, *refinements]
 
 
 def _other_laws(projected: Projected, h: Hypothesis) -> list[Hypothesis]:
@@ -266,17 +266,19 @@ class _Profile:
         Columns are orthogonalised at Chebyshev's nodes alone, all at once, and interpolated between these.
         """
         nodes = chebpts1(_NODES)
-        parts = [self.family.columns(lower + (upper - lower) * (t + 1) / 2) for t in nodes]
-        columns = self.projected.problem.orthogonalise(np.concatenate(parts, 1))
+        blocks = [self.family.columns(lower + (upper - lower) * (t + 1) / 2) for t in nodes]
+        columns = self.projected.problem.orthogonalise(np.concatenate(blocks, 1))
         gram, score = columns.T @ columns, columns.T @ self.projected.y
         of_nodes = np.linalg.inv(chebvander(nodes, _NODES - 1))
-        unit = np.eye(parts[0].shape[1])
+        unit = np.eye(blocks[0].shape[1])
 
         def minus_gain(value: float) -> float:
-            at = 2 * (value - lower) / (upper - lower) - 1
-            mixing = np.kron((chebvander(at, _NODES - 1) @ of_nodes).T, unit)
-            along = mixing.T @ score
-            return -float(along @ pseudo_inverse(mixing.T @ gram @ mixing, ROUNDING) @ along)
+            position = 2 * (value - lower) / (upper - lower) - 1
+            mixing = np.kron((chebvander(position, _NODES - 1) @ of_nodes).T, unit)
+            projected = mixing.T @ score
+            return -float(
+                projected @ pseudo_inverse(mixing.T @ gram @ mixing, ROUNDING) @ projected
+            )
 
         options = {"xatol": resolution}
         best = minimize_scalar(minus_gain, bounds=(lower, upper), method="bounded", options=options)

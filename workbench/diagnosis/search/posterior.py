@@ -44,7 +44,7 @@ _EXPANDED, _SWAPS = 8, 6
 
 @dataclass(frozen=True)
 class EffectPosterior:
-    """`probability` that a term is present, over all sets; `instead`: (key, probability, alike) of others.
+    """`probability` that a term is present, over all sets; `replacements`: (key, probability, likeness) of others.
 
     A set without the term counts for the alternatives, not accepted, that it holds instead, each by its share of the
     term's signature: term and alternatives exclude one another, and their probabilities add up to at most one.
@@ -53,44 +53,44 @@ class EffectPosterior:
     """
 
     probability: float
-    instead: tuple[tuple[Key, float, float], ...] = ()
+    replacements: tuple[tuple[Key, float, float], ...] = ()
     variation: float = 0.0
 
 
 @dataclass(frozen=True)
 class Window:
-    """The sets near the likeliest one and their probabilities. `names`: of each term what it counts as."""
+    """The sets of terms near the most probable one and their probabilities. `names`: of each term what it counts as."""
 
     objective: LogPosterior
-    sets: tuple[Members, ...]
+    term_sets: tuple[Members, ...]
     weights: np.ndarray
 
     @classmethod
-    def around(cls, objective: LogPosterior, best: Members, open_: Sequence[int]) -> "Window":
+    def near_set(cls, objective: LogPosterior, best: Members, open_: Sequence[int]) -> "Window":
         """About a set, of which the terms `open_` are exchanged for one another."""
         done: set[frozenset] = set()
         seen = {frozenset(s): objective.value(s) for s in _starts(objective, best)}
         for _ in range(_EXPANDED):
             top = max(seen.values())
-            near = [s for s in seen if seen[s] > top - _WINDOW and s not in done]
-            if not near:
+            unvisited = [s for s in seen if seen[s] > top - _WINDOW and s not in done]
+            if not unvisited:
                 break
-            chosen = max(near, key=seen.__getitem__)
+            chosen = max(unvisited, key=seen.__getitem__)
             done.add(chosen)
             for members in _neighbours(objective, tuple(sorted(chosen)), open_):
                 seen.setdefault(frozenset(members), objective.value(members))
         top = max(seen.values())
-        sets = [s for s in seen if seen[s] > top - _WINDOW]
-        logs = np.array([seen[s] for s in sets])
+        probable_sets = [s for s in seen if seen[s] > top - _WINDOW]
+        logs = np.array([seen[s] for s in probable_sets])
         weights = np.exp(logs - logsumexp(logs))
-        return cls(objective, tuple(tuple(sorted(s)) for s in sets), weights)
+        return cls(objective, tuple(tuple(sorted(s)) for s in probable_sets), weights)
 
     def more_probable_set(self, count: int) -> Members | None:
         """The likeliest set, where it is worth more than the set of the first `count` terms; None where it is not."""
         best = int(np.argmax(self.weights))
         accepted = self.objective.value(tuple(range(count)))
-        gain = self.objective.value(self.sets[best]) - accepted
-        return self.sets[best] if gain > LEAST_LOG_ODDS else None
+        gain = self.objective.value(self.term_sets[best]) - accepted
+        return self.term_sets[best] if gain > LEAST_LOG_ODDS else None
 
     def fewest(self, count: int, open_: Sequence[int]) -> Members:
         """The set of the first `count` terms less those of the open ones that most sets lack and it hardly needs.
@@ -119,24 +119,28 @@ class Window:
         best, exchanged = 0.0, None
         for i, h in enumerate(terms[:count]):
             name = names.get(h.key)
-            if name is None or not name.instead:
+            if name is None or not name.replacements:
                 continue
-            other, probability, _ = name.instead[0]
+            other, probability, _ = name.replacements[0]
             if probability - name.probability > best:
-                best, rest = probability - name.probability, range(count)
-                exchanged = tuple(numbers[other] if j == i else j for j in rest)
+                best, positions = probability - name.probability, range(count)
+                exchanged = tuple(numbers[other] if j == i else j for j in positions)
         return exchanged
 
     def names(self, accepted: set[Key], keys: Sequence[Key]) -> dict[Key, EffectPosterior]:
         """Of each key its probability, and of those accepted what is present instead in the sets without it."""
         present = self._present(keys)
         others = [key for key in keys if key not in accepted]
-        occurrence = np.array([present[key] for key in others]).reshape(len(others), len(self.sets))
+        occurrence = np.array([present[key] for key in others]).reshape(
+            len(others), len(self.term_sets)
+        )
         out = {}
         for key in keys:
             absent = self.weights * ~present[key]
-            instead = self._instead(key, others, occurrence, absent) if key in accepted else ()
-            out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), instead)
+            replacements = (
+                self._replacements(key, others, occurrence, absent) if key in accepted else ()
+            )
+            out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), replacements)
         return out
 
     def variation(self, number: int, count: int) -> float:
@@ -144,23 +148,27 @@ class Window:
         accepted = tuple(range(count))
         if not self.objective.priors.positive[number]:
             return 0.0
-        holding = [k for k, members in enumerate(self.sets) if number in members]
+        holding = [k for k, members in enumerate(self.term_sets) if number in members]
         value = self.objective.coefficient(accepted, number)
-        others = [self.objective.coefficient(self.sets[k], number) for k in holding]
+        others = [self.objective.coefficient(self.term_sets[k], number) for k in holding]
         weights = self.weights[holding] / max(self.weights[holding].sum(), ROUNDING)
         return float(np.sqrt(weights @ (np.array(others) - value) ** 2) / max(abs(value), 1e-300))
 
-    def _instead(self, key: Key, others: Sequence[Key], occurrence: np.ndarray, absent: np.ndarray):
-        """`EffectPosterior.instead` of a key: occurrence (others, sets) of others, absent (sets,) weights without."""
+    def _replacements(
+        self, key: Key, others: Sequence[Key], occurrence: np.ndarray, absent: np.ndarray
+    ):
+        """`EffectPosterior.replacements` of a key: occurrence (others, sets), absent (sets,) weights without it."""
         likeness = np.array([explained_share(self.objective, key, other) for other in others])
-        parts = occurrence * np.maximum(likeness, ROUNDING)[:, None]
-        shares = parts / np.maximum(parts.sum(0), ROUNDING) @ absent
+        likeness_of_sets = occurrence * np.maximum(likeness, ROUNDING)[:, None]
+        shares = likeness_of_sets / np.maximum(likeness_of_sets.sum(0), ROUNDING) @ absent
         ranked = [k for k in np.argsort(-shares)[:MOST_LISTED] if shares[k] >= LISTED_PROBABILITY]
         return tuple((others[k], float(shares[k]), float(likeness[k])) for k in ranked)
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
         """Key -> (sets,) bool."""
-        keys_of_sets = [{self.objective.terms[i].key for i in members} for members in self.sets]
+        keys_of_sets = [
+            {self.objective.terms[i].key for i in members} for members in self.term_sets
+        ]
         return {key: np.array([key in names for names in keys_of_sets]) for key in keys}
 
 
@@ -267,11 +275,11 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
-    judged, chance = search.conditional_hypothesis(i, table), CLOSE_GAIN * search.variance()
+    tested, chance = search.conditional_hypothesis(i, table), CLOSE_GAIN * search.variance()
     with_elastic = bool(accepted.smooth_covariates) or is_elastic(accepted)
     for h in table:
         is_law = not h.smooth_covariates and (with_elastic or not is_elastic(h))
-        is_law = is_law and not only_generalises(h, judged, chance)
+        is_law = is_law and not only_generalises(h, tested, chance)
         if is_law or (accepted.smooth_covariates and h.key == accepted.key):
             families.setdefault(h.key, []).append(h)
     marginal = {
@@ -331,11 +339,11 @@ def odds_of_both(search, i: int, others: Sequence[Hypothesis]) -> np.ndarray:
     out = np.zeros(len(others))
     for k in range(len(others)):
         number = len(present) + k
-        both = objective.value((*present, number))
-        if not objective.compatible_pairs[number, i] or not np.isfinite(both):
+        joint_value = objective.value((*present, number))
+        if not objective.compatible_pairs[number, i] or not np.isfinite(joint_value):
             continue
         exchanged = objective.value(tuple(number if j == i else j for j in present))
-        out[k] = np.exp(min(both - exchanged, _MOST_LOG_ODDS))
+        out[k] = np.exp(min(joint_value - exchanged, _MOST_LOG_ODDS))
     return out
 
 
@@ -389,4 +397,4 @@ def _elastic_window(search) -> Window | None:
     solved = as_solved(search, accepted)
     objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
-    return Window.around(objective, tuple(range(len(accepted))), open_)
+    return Window.near_set(objective, tuple(range(len(accepted))), open_)

@@ -78,7 +78,7 @@ class Priors:
         first = self.deflects if self.elastic[members].any() else 0.0
         return float(of_terms.sum()) + first + (len(members) - 1) * SECOND
 
-    def among(self, rows: np.ndarray) -> "Priors":
+    def select_terms(self, rows: np.ndarray) -> "Priors":
         """Of some of the terms, by their numbers (k,)."""
         names = ("log_prior", "log_odds", "elastic", "scale", "positive")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -155,21 +155,21 @@ class _ComplianceScale:
         cleared = residual.orthogonalise(orthogonal)
         values, vectors = symmetric_eigen(cleared.T @ cleared / projected.design_effect)
         values = np.maximum(values, 0.0)
-        along = vectors.T @ (cleared.T @ residual.y) / projected.design_effect
+        projections = vectors.T @ (cleared.T @ residual.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
         log_determinant = np.log1p(spread * values).sum(1)
-        gain = (along**2 * spread / (1 + spread * values)).sum(1)
+        gain = (projections**2 * spread / (1 + spread * values)).sum(1)
         best = int(np.argmax(log_evidence_by_size(log_determinant, gain, residual)))
         inverse = 1 / (values + _SCALES[best] ** -2)
-        found = np.maximum(-vectors @ (along * inverse), 0.0)
+        found = np.maximum(-vectors @ (projections * inverse), 0.0)
         variance = max(residual.yy - gain[best], 0.0) / residual.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
         inliers = _median_compliance(found, std, np.array([c.load for c in joints]))
-        most = _MOST_OF_USUAL * inliers if inliers > 0 else float(_SCALES[best])
+        max_size = _MOST_OF_USUAL * inliers if inliers > 0 else float(_SCALES[best])
         reference = []
-        for candidate, value, size in zip(joints, np.minimum(found, most), sizes):
+        for candidate, value, size in zip(joints, np.minimum(found, max_size), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
-        return cls(min(float(_SCALES[best]), most), tuple(reference), orthogonal, residual.y)
+        return cls(min(float(_SCALES[best]), max_size), tuple(reference), orthogonal, residual.y)
 
     def size(self, load: float) -> float:
         """Prior size of the compliance of a joint under a load (N m), rad/(N m)."""

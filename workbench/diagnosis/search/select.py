@@ -46,7 +46,9 @@ from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.search.stepwise import LAW
 from workbench.diagnosis.validation.folds import MAX_TESTED_SAMPLES, thinned
 
-_MANY = 1200  # samples beyond which the search uses only every second, third, ... pose
+_MAX_SEARCHED_SAMPLES = (
+    1200  # samples beyond which the search uses only every second, third, ... pose
+)
 
 
 def find(
@@ -63,7 +65,7 @@ def find(
     """
     search = Search(bench, samples, UNMODELLED_LEVEL, progress, first=first)
     count = len(bench.pose) if samples is None else int(samples.sum())
-    if count > _MANY and not bench.needs_all_samples:
+    if count > _MAX_SEARCHED_SAMPLES and not bench.needs_all_samples:
         return _search_on_subset(search, samples)
     search.solve()
     return bench.reviewed(_found(search), samples)
@@ -234,7 +236,7 @@ def _search_on_subset(search: Search, samples) -> Found:
     used = np.ones(len(bench.pose), bool) if samples is None else samples
     _, label = np.unique(before.pose, return_inverse=True)
     search.samples = used.copy()
-    search.samples[used] = label % -(-before.n // _MANY) == 0
+    search.samples[used] = label % -(-before.n // _MAX_SEARCHED_SAMPLES) == 0
     search.solve()
     found = _found(search)
     effects = [e for f in found.findings for e in f.effects]

@@ -73,9 +73,13 @@ class Search:
         if not self._is_solved_with(effects):
             self.stated_noise_problem = self.bench.problem(effects, self.samples)
         # a compliance brings all that acts through it into the library
-        under = (self.noise_factors, self.random_effect, any(h.carries_load for h in self.accepted))
-        if not all(now is before for now, before in zip(under, self.screening_conditions)):
-            self.screening_conditions, self.screened = under, []
+        conditions = (
+            self.noise_factors,
+            self.random_effect,
+            any(h.carries_load for h in self.accepted),
+        )
+        if not all(now is before for now, before in zip(conditions, self.screening_conditions)):
+            self.screening_conditions, self.screened = conditions, []
         if self._is_known():
             return
         problem = self.stated_noise_problem
@@ -232,11 +236,11 @@ class Search:
         if not accepted.needs_compliance:
             return self.table(self.other_indices(i), part)
         others = tuple(self.accepted[j] for j in self.other_indices(i))
-        without = Search(self.bench, self.samples, self.level, lambda line: None, others)
-        without.random_effect, without.noise_factors = self.random_effect, self.noise_factors
-        without.infeasible, without.always_listed = self.infeasible, (accepted,)
-        without.solve()
-        return without.table(without.accepted_indices, part)
+        reduced = Search(self.bench, self.samples, self.level, lambda line: None, others)
+        reduced.random_effect, reduced.noise_factors = self.random_effect, self.noise_factors
+        reduced.infeasible, reduced.always_listed = self.infeasible, (accepted,)
+        reduced.solve()
+        return reduced.table(reduced.accepted_indices, part)
 
     def conditional_gain(self, i: int) -> tuple[float, float]:
         """Gain of an accepted hypothesis conditional on the others, and the p-value of its F test by itself."""

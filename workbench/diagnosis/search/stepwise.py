@@ -45,7 +45,7 @@ class Stepwise:
     def _most_probable_laws(self, present: Members) -> Members:
         """The most probable set of laws, searched without the many columns of smooth functions."""
         laws = np.flatnonzero(~self.objective.is_smooth)
-        alone = Stepwise(self.objective.among(laws))
+        alone = Stepwise(self.objective.select_terms(laws))
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
         starts = [named] if named else []
         starts += [alone._single(alone._allowed(())), alone.with_all_joints(named)]

@@ -44,10 +44,10 @@ _CLOCKS = ("time_s", "time", "row", "order")
 def controls(
     bench: Bench,
     others: Sequence[Effect],
-    own: Sequence[Effect],
+    tested: Sequence[Effect],
     solved: Sequence[Effect] = (),
 ) -> tuple[Control, ...]:
-    """The controls that can be made of the effects `own` conditional on a model that holds `others`.
+    """The controls that can be made of the effects `tested` conditional on a model that holds `others`.
 
     solved: all of these effects, the same objects, in an order in which the bench has solved them already.
     A linearised gain: the fall of the whitened sum of squares when the effects' columns join, all effects with their
@@ -58,10 +58,10 @@ def controls(
     circularly 39 times against what the effect leaves, and the reverse: passed where none gains as much at any
     instant, and three of four gain less than a fifth of it beyond chance.
     """
-    if any(e.port in (*STATE_PORTS, NOISE) for e in own):
+    if any(e.port in (*STATE_PORTS, NOISE) for e in tested):
         why = "it acts through other effects or on the noise alone"
         return (Control(PERMUTED, None, None, None, why=why),)
-    trial = _Trial(bench, others, own, solved)
+    trial = _Trial(bench, others, tested, solved)
     rng = np.random.default_rng(0)
     if trial.permuted_change(np.random.default_rng(0)) < MAJORITY:
         why = "its cause is nearly the same at every pose, so that permuted poses hardly change it"
@@ -76,21 +76,30 @@ def controls(
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     """Circular shifts of the time against what an effect leaves that reads it, at the best of all instants."""
-    chain, parts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
+    chain, shifts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
     if chain is None or not any(_changes_with_clock(e, chain) for e in trial.effects):
         return ()
     residual = trial.y - trial.fitted
-    few, many = trial.other_instants(_FEW_INSTANTS), trial.other_instants(_INSTANTS)
-    of_clock = [trial.best_gains(few, _shifted_state(chain, part), residual) for part in parts]
-    of_space = trial.best_gains(many, chain.state, trial.shifted_residuals(residual, parts))
-    chance = float(
-        np.median(trial.best_gains(many, chain.state, trial.permuted_residuals(residual, rng)))
+    few_variants, many_variants = (
+        trial.other_instants(_FEW_INSTANTS),
+        trial.other_instants(_INSTANTS),
     )
-    beyond = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
-    share = float(np.clip(beyond / max(trial.own - chance, 1e-300), 0.0, 1.0))
+    of_clock = [
+        trial.best_gains(few_variants, _shifted_state(chain, part), residual) for part in shifts
+    ]
+    of_space = trial.best_gains(
+        many_variants, chain.state, trial.shifted_residuals(residual, shifts)
+    )
+    chance = float(
+        np.median(
+            trial.best_gains(many_variants, chain.state, trial.permuted_residuals(residual, rng))
+        )
+    )
+    excess = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
+    share = float(np.clip(excess / max(trial.own - chance, 1e-300), 0.0, 1.0))
     as_much = int(max((np.array(gains) >= trial.own).sum() for gains in (of_clock, of_space)))
-    p = float((1 + as_much) / (1 + len(parts)))
-    return (Control(ROTATED, share, p, share < _LEFT and not as_much, len(parts)),)
+    p = float((1 + as_much) / (1 + len(shifts)))
+    return (Control(ROTATED, share, p, share < _LEFT and not as_much, len(shifts)),)
 
 
 def of_order(bench: Bench, effects: Sequence[Effect]) -> bool:
@@ -131,16 +140,16 @@ class _Trial:
     effective number of coefficients, those that the data and not their priors determine.
     """
 
-    def __init__(self, bench, others, own, solved: Sequence[Effect] = ()):
+    def __init__(self, bench, others, tested, solved: Sequence[Effect] = ()):
         part = tested_samples(bench)
         self.chain = bench.chain if part is None else bench.chain.at(part)
-        self.effects = tuple(own)
+        self.effects = tuple(tested)
         if self.chain is None:
             self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
-            self.small, self.rows = _columns(bench, self.problem, others, own), None
+            self.small, self.rows = _columns(bench, self.problem, others, tested), None
             self._precision = np.zeros(len(self.small))
         else:
-            self._linearise(bench, tuple(solved) or (*others, *own), part)
+            self._linearise(bench, tuple(solved) or (*others, *tested), part)
         self.y = fitted_residual(self.problem)
         self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
@@ -157,16 +166,18 @@ class _Trial:
 
         A nonlinear law is linearised about its values there.
         """
-        numbers = [next(i for i, e in enumerate(effects) if e is mine) for mine in self.effects]
-        whole = bench.problem(effects, samples=part, hypotheses=False)
-        self.problem = whole.conditional_on([i for i in range(len(effects)) if i not in numbers])
+        numbers = [next(i for i, e in enumerate(effects) if e is tested) for tested in self.effects]
+        full_problem = bench.problem(effects, samples=part, hypotheses=False)
+        self.problem = full_problem.conditional_on(
+            [i for i in range(len(effects)) if i not in numbers]
+        )
         model, fit, _ = bench.solve(effects, part, is_complete=False)
         spans = model.spans[-len(effects) :]
         self._values = [fit.parameters.values[spans[i]] for i in numbers]
         self.small = self.basis(self.chain.state)
         self.rows = self._rows(model, fit)
         none = [np.zeros(len(values)) for values in self._values]
-        known = [whole.precisions[i] for i in numbers] if whole.precisions else none
+        known = [full_problem.precisions[i] for i in numbers] if full_problem.precisions else none
         self._precision = np.concatenate(known)
 
     def basis(self, state, effects: Sequence[Effect] = ()):
@@ -182,24 +193,24 @@ class _Trial:
             first += b.shape[1]
         return np.concatenate(rows)
 
-    def other_instants(self, most: int) -> list[tuple[Effect, ...]]:
-        """The effects, and these with another instant or time constant of one of them that reads the clock, `most`."""
+    def other_instants(self, max_count: int) -> list[tuple[Effect, ...]]:
+        """The effects, and up to `max_count` variants: another instant or time constant of one that reads the clock."""
         variants = [self.effects]
         for i, effect in enumerate(self.effects):
             if _changes_with_clock(effect, self.chain):
                 before, after = self.effects[:i], self.effects[i + 1 :]
-                others = _variants(effect, self.chain, most)
+                others = _variants(effect, self.chain, max_count)
                 variants += [(*before, other, *after) for other in others]
         return variants
 
-    def shifted_residuals(self, residual: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """(N, S) residuals (N,) circularly shifted in time by parts (S,) of the recording."""
+    def shifted_residuals(self, residual: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """(N, S) residuals (N,) circularly shifted in time by shares (S,) of the recording."""
         order = np.argsort(self.problem.order, kind="stable")
         residual = residual.reshape(-1, self.problem.n)
-        out = np.empty((*residual.shape, len(parts)))
-        for i, part in enumerate(parts):
+        out = np.empty((*residual.shape, len(shifts)))
+        for i, part in enumerate(shifts):
             out[:, order, i] = np.roll(residual[:, order], round(part * self.problem.n), axis=1)
-        return self._left(out.reshape(-1, len(parts)))
+        return self._left(out.reshape(-1, len(shifts)))
 
     def permuted_residuals(self, residual: np.ndarray, rng) -> np.ndarray:
         """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
@@ -293,8 +304,8 @@ class _Trial:
         return self.small[:, :, self.chain.columns_of(_permuted_rows(self.problem.pose, rng))]
 
 
-def _variants(effect: Effect, chain, most: int) -> list[Effect]:
-    """The same law at the same place with other instants or time constants, `most` of them."""
+def _variants(effect: Effect, chain, max_count: int) -> list[Effect]:
+    """The same law at the same place with other instants or time constants, `max_count` of them."""
     kind, where = type(effect), effect.where
     scans = [grid for grid in kind.grids(chain) if grid.where == where]
     found = [grid.make(value) for grid in scans for value in grid.values]
@@ -303,15 +314,15 @@ def _variants(effect: Effect, chain, most: int) -> list[Effect]:
     like = [
         e for e in found if len(e.parameters(chain)) == numbers and _changes_with_clock(e, chain)
     ]
-    chosen = np.linspace(0, len(like) - 1, min(len(like), most)).astype(int)
+    chosen = np.linspace(0, len(like) - 1, min(len(like), max_count)).astype(int)
     return [like[i] for i in chosen]
 
 
-def _columns(bench, problem, others, own):
+def _columns(bench, problem, others, tested):
     """(P, 1, N) columns of the effects: candidates', or as solved where a scan found them (an order, an instant)."""
-    keys = {name_of(e) for e in own}
+    keys = {name_of(e) for e in tested}
     found = [c.columns for c in problem.candidates if any(name_of(e) in keys for e in c.effects)]
-    found = found or bench.problem((*others, *own)).added[-len(own) :]
+    found = found or bench.problem((*others, *tested)).added[-len(tested) :]
     return np.concatenate(found, axis=1).T[:, None]
 
 

@@ -35,10 +35,10 @@ def reject_explained_by_correlated_noise(
         effects = [e for other in retained for e in other.finding.effects]
         effects_of_term = {id(e) for e in term.finding.effects}
         others = [i for i, e in enumerate(effects) if id(e) not in effects_of_term]
-        whole = bench.problem(effects, tested_samples(bench))
-        problem = whole.conditional_on(others)
+        full_problem = bench.problem(effects, tested_samples(bench))
+        problem = full_problem.conditional_on(others)
         noise = serial_correlation(problem)
-        if noise is None or prefers_term(problem, whole.conditional_on()):
+        if noise is None or prefers_term(problem, full_problem.conditional_on()):
             continue
         if _chance(problem, noise) >= UNMODELLED_LEVEL:
             reason = f"noise that is correlated from pose to pose ({noise.value:.2f}) explains it as well"

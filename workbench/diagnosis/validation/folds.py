@@ -20,7 +20,8 @@ LEAST_FOLDS = 5
 """Folds in which a validation repeats the search at least: the blocks of time."""
 _HALVINGS = 2
 """Of the workspace: three quarters of the poses determine the geometry, as four fifths do without a block of time."""
-_FEW = 50  # poses below which a fold leaves out half as many: a fifth of them would leave the geometry open
+_MIN_POSES_OF_FIFTHS = 50
+"""Poses below which a fold leaves out half as many: the other four fifths would not determine the geometry."""
 _SEARCHED = 900  # samples that a search inside a fold sees at most; what it finds is fitted on all of the fold
 MAX_TESTED_SAMPLES = 3000
 """Samples on which the terms of a fold, their controls and the remainder are tested at most: a large recording is no
@@ -50,8 +51,8 @@ def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
         return [Scheme(ROUND_ROBIN, _round_robin_folds(pose, problem))]
     by_order = np.argsort(problem.order, kind="stable")
     time = np.empty(problem.n, int)
-    few = len(np.unique(pose)) < _FEW
-    time[by_order] = blocks(pose[by_order], LEAST_FOLDS * (1 + few))
+    has_few_poses = len(np.unique(pose)) < _MIN_POSES_OF_FIFTHS
+    time[by_order] = blocks(pose[by_order], LEAST_FOLDS * (1 + has_few_poses))
     space = _workspace_folds(pose, problem)
     return [Scheme(TIME, time)] + ([] if space is None else [Scheme(SPACE, space)])
 
@@ -76,7 +77,7 @@ def _workspace_folds(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
         return None
     count = np.bincount(group)
     place = np.stack([np.bincount(group, known[c]) / count for c in names])
-    times = _HALVINGS + (len(poses) < _FEW)
+    times = _HALVINGS + (len(poses) < _MIN_POSES_OF_FIFTHS)
     return _halves(
         place / np.maximum(place.std(1, keepdims=True), 1e-12), np.arange(len(poses)), times
     )[group]
@@ -86,22 +87,22 @@ def _halves(place, rows, times) -> np.ndarray:
     """(len(rows),) block of each row."""
     if times == 0:
         return np.zeros(len(rows), int)
-    along = place[int(np.argmax(place[:, rows].std(1))), rows]
-    upper = np.argsort(np.argsort(along, kind="stable"), kind="stable") >= len(rows) / 2
+    coordinate = place[int(np.argmax(place[:, rows].std(1))), rows]
+    upper = np.argsort(np.argsort(coordinate, kind="stable"), kind="stable") >= len(rows) / 2
     out = np.empty(len(rows), int)
     for half, first in ((~upper, 0), (upper, 2 ** (times - 1))):
         out[half] = first + _halves(place, rows[half], times - 1)
     return out
 
 
-def thinned(pose: np.ndarray, samples: np.ndarray, most: int = _SEARCHED) -> np.ndarray:
+def thinned(pose: np.ndarray, samples: np.ndarray, max_samples: int = _SEARCHED) -> np.ndarray:
     """(n,) bool: at most so many of the samples (n,) bool: every second, third ... pose.
 
     Where the poses are few, as of a recording with many repeats, each keeps some of its rows instead.
     """
-    step = int(np.ceil(samples.sum() / most))
+    step = int(np.ceil(samples.sum() / max_samples))
     chosen, place = np.unique(pose[samples], return_inverse=True)
-    if step > 1 and len(chosen) < 2 * step * _FEW:
+    if step > 1 and len(chosen) < 2 * step * _MIN_POSES_OF_FIFTHS:
         mixed = np.random.default_rng(0).permutation(len(place))
         order = mixed[np.argsort(place[mixed], kind="stable")]
         keep = np.zeros(len(place), bool)

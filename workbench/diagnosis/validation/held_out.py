@@ -60,8 +60,8 @@ def rms_pair(
     unit = np.ones(int(used.sum())) if sigma is None else sigma[used]
     errors = before[used] / unit, after[used] / unit
     squares = _loss(_scaled(*errors)) * _scale(*errors)
-    without, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
-    return (float(without), float(with_it)) if with_it < without else plain
+    base, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
+    return (float(base), float(with_it)) if with_it < base else plain
 
 
 def paired_t(
@@ -85,10 +85,10 @@ def paired_t(
     if not used.any() or group.max() < 2:
         return 0.0
     unit = 1.0 if sigma is None else sigma[used]
-    without, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
-    falls = np.bincount(group, without - with_it)
+    base, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
+    falls = np.bincount(group, base - with_it)
     if sigma is not None:
-        return _jackknife_t(falls, np.bincount(group, _moved(without, with_it)))
+        return _jackknife_t(falls, np.bincount(group, _moved(base, with_it)))
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     return float(falls.mean() / spread) if spread > 0 else 0.0
@@ -208,9 +208,9 @@ def showing_poses(
     return _effective_number(np.bincount(group, _moved(*losses)))
 
 
-def _moved(without: np.ndarray, with_it: np.ndarray) -> np.ndarray:
+def _moved(base: np.ndarray, with_it: np.ndarray) -> np.ndarray:
     """(n,) squared change of the errors between two losses (n,)."""
-    return (np.sqrt(without) - np.sqrt(with_it)) ** 2
+    return (np.sqrt(base) - np.sqrt(with_it)) ** 2
 
 
 def _serial_factor(series: np.ndarray) -> float:
@@ -228,8 +228,8 @@ def _serial_factor(series: np.ndarray) -> float:
         return 1.0
     alpha = 4 * rho**2 / ((1 - rho) * (1 + rho)) ** 2
     lags = np.arange(1, min(int(1.1447 * (alpha * count) ** (1 / 3)), count // 4) + 1)
-    alike = np.array([series[k:] @ series[:-k] for k in lags]) / variance
-    return float(max(1.0, 1 + 2 * ((1 - lags / (len(lags) + 1)) * alike).sum()))
+    correlations = np.array([series[k:] @ series[:-k] for k in lags]) / variance
+    return float(max(1.0, 1 + 2 * ((1 - lags / (len(lags) + 1)) * correlations).sum()))
 
 
 def _loss(z: np.ndarray) -> np.ndarray:
@@ -273,13 +273,13 @@ class Errors:
 
         nan where no orientation is measured.
         """
-        return self._of(errors)[1]
+        return self._rows_of(errors)[1]
 
     def components_of(self, errors: np.ndarray) -> np.ndarray:
         """(3, n) components (mm) of the predictions whose distances (n,) this object returned; nan for a sensor."""
-        return self._of(errors)[2:]
+        return self._rows_of(errors)[2:]
 
-    def _of(self, errors: np.ndarray) -> np.ndarray:
+    def _rows_of(self, errors: np.ndarray) -> np.ndarray:
         """(5, n) rows that belong to distances (n,); nan where this object did not return these."""
         unknown = np.full((_ROWS, len(errors)), np.nan)
         return self._rows.get(errors.tobytes(), unknown)

@@ -44,7 +44,7 @@ _WORSE = 0.01
 
 @dataclass(frozen=True)
 class SchemeErrors:
-    """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `judges`: it can judge.
+    """Held-out errors (n,) of a scheme with the baseline and with the terms, their RMS, and `is_judging`: it can judge.
 
     `is_nested`: with what each fold found by itself; else with the terms of all samples, fitted without the fold.
     """
@@ -54,7 +54,7 @@ class SchemeErrors:
     after: np.ndarray
     rms_before: float
     rms_after: float
-    judges: bool
+    is_judging: bool
     is_nested: bool = True
 
     @property
@@ -71,7 +71,7 @@ class SchemeErrors:
 def judging_schemes(
     bench,
     effects: Sequence[Effect],
-    parts: Sequence[Scheme],
+    candidates: Sequence[Scheme],
     problem: Problem,
     numbers: Sequence[int],
 ) -> list[Scheme]:
@@ -79,11 +79,11 @@ def judging_schemes(
 
     problem: solved with the effects, whose numbers among its `added` are `numbers`.
     """
-    able = list(parts)
+    able = list(candidates)
     if len(able) > 1 and of_order(bench, effects):
         able = [s for s in able if s.name != TIME]
     able = [s for s in able if extrapolated_share(problem, numbers, s.fold) <= _EXTRAPOLATED]
-    return able or list(parts)
+    return able or list(candidates)
 
 
 def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarray) -> float:
@@ -99,14 +99,14 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
     total = float(contribution @ contribution)
     if not basis.shape[1] or not total > 0:
         return 0.0
-    along = basis.T @ contribution
+    coordinates = basis.T @ contribution
     blocks = fold[problem.sample]
     lost = 0.0
     for k in np.unique(blocks):
         rows = basis[blocks == k]
         information, directions = symmetric_eigen(rows.T @ rows)
         alone = directions[:, information > CONFOUNDED_SHARE]
-        lost += float(((alone.T @ along) ** 2).sum())
+        lost += float(((alone.T @ coordinates) ** 2).sum())
     return lost / total
 
 
@@ -132,20 +132,20 @@ def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
 def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
     """The scheme whose errors are shown: the first nested one that judges and improves, else the first that judges."""
     nested = [row for row in rows if row.is_nested]
-    judges = [row for row in nested if row.judges] or nested
-    return next((row for row in judges if row.improves), judges[0])
+    judging = [row for row in nested if row.is_judging] or nested
+    return next((row for row in judging if row.improves), judging[0])
 
 
 def is_supported(rows: Sequence[SchemeErrors]) -> bool:
     """Whether the terms reduce the held-out error in a scheme that can judge them, and raise it in none of these."""
-    judges = [row for row in rows if row.judges] or list(rows)
-    return reported_scheme(rows).improves and not any(row.worsens for row in judges)
+    judging = [row for row in rows if row.is_judging] or list(rows)
+    return reported_scheme(rows).improves and not any(row.worsens for row in judging)
 
 
 def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
     """The term as refused, with the reason."""
-    judges = [row for row in rows if row.judges] or list(rows)
-    worst = max(judges, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
+    judging = [row for row in rows if row.is_judging] or list(rows)
+    worst = max(judging, key=lambda row: row.rms_after / max(row.rms_before, 1e-300))
     change = "rises" if worst.rms_after > worst.rms_before else "does not fall"
     reason = (
         f"the held-out error ({worst.scheme.name}) {change} with all terms that were found ({worst.rms_before:.3g} "
@@ -154,17 +154,17 @@ def refused_term(term: Term, rows: Sequence[SchemeErrors], unit: str) -> Term:
     return replace(term, kept=False, reason=reason)
 
 
-def without_others(bench, problem: Problem, rest: Sequence[int], samples) -> Problem:
-    """A problem with the effects numbered `rest` alone; samples (n,) bool that it contains (None: all).
+def without_others(bench, problem: Problem, indices: Sequence[int], samples) -> Problem:
+    """A problem with the effects numbered `indices` alone; samples (n,) bool that it contains (None: all).
 
     To first order about its own solution, unless a load or a tilt is removed. The compliances would keep the loaded
     torque, with which they imitate nearly all of the effect of the load: the model without it is solved again.
     """
     effects = problem.effects
-    others = [effect for i, effect in enumerate(effects) if i not in rest]
+    others = [effect for i, effect in enumerate(effects) if i not in indices]
     if not any(effect.port in STATE_PORTS for effect in others):
-        return problem.conditional_on(rest)
-    return bench.problem([effects[i] for i in rest], samples, hypotheses=False).conditional_on()
+        return problem.conditional_on(indices)
+    return bench.problem([effects[i] for i in indices], samples, hypotheses=False).conditional_on()
 
 
 class ConditionalGains:
@@ -178,19 +178,19 @@ class ConditionalGains:
         self._rows: dict[tuple, np.ndarray] = {}
         self._problems: dict[tuple, Problem] = {}
 
-    def judged(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
+    def with_gains(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
         """The term, of the effects `indices`, with t, t_fall and gain of its presence among the effects `present`."""
         inliers, sigma, pose = (
             self._problem.weights > OUTLIER_WEIGHT,
             self._sigma,
             self._problem.pose,
         )
-        rest = [i for i in present if i not in indices]
+        others = [i for i in present if i not in indices]
         t, falls, gain, showing = [], [], [], []
         for scheme in self._judges_of(term, tuple(indices)):
-            without, with_it = self._left_out(scheme, rest, present)
-            t.append(significance(pose, without, with_it, inliers, sigma))
-            lengths = [np.sqrt((errors**2).sum(0)) for errors in (without, with_it)]
+            base, with_it = self._left_out(scheme, others, present)
+            t.append(significance(pose, base, with_it, inliers, sigma))
+            lengths = [np.sqrt((errors**2).sum(0)) for errors in (base, with_it)]
             falls.append(paired_t(pose, *lengths, inliers, sigma))
             gain.append(rms(lengths[0], inliers, sigma) - rms(lengths[1], inliers, sigma))
             if sigma is not None:
@@ -213,24 +213,24 @@ class ConditionalGains:
 
         return cached(self._judges, indices, make)
 
-    def _left_out(self, scheme: Scheme, rest: Sequence[int], present: Sequence[int]):
-        """`nested_components` next to the effects `rest` and `present`."""
-        rows = [self._left_out_rows(scheme, held) for held in (rest, present)]
+    def _left_out(self, scheme: Scheme, others: Sequence[int], present: Sequence[int]):
+        """`nested_components` next to the effects `others` and `present`."""
+        rows = [self._left_out_rows(scheme, indices) for indices in (others, present)]
         return nested_components(
-            self._problem_with(rest), scheme.fold, rows, self._sigma is not None
+            self._problem_with(others), scheme.fold, rows, self._sigma is not None
         )
 
-    def _problem_with(self, held: Sequence[int]) -> Problem:
+    def _problem_with(self, indices: Sequence[int]) -> Problem:
         def make():
-            return without_others(self._bench, self._problem, held, self._samples)
+            return without_others(self._bench, self._problem, indices, self._samples)
 
-        return cached(self._problems, tuple(sorted(held)), make)
+        return cached(self._problems, tuple(sorted(indices)), make)
 
-    def _left_out_rows(self, scheme: Scheme, held: Sequence[int]) -> np.ndarray:
+    def _left_out_rows(self, scheme: Scheme, indices: Sequence[int]) -> np.ndarray:
         """(N,) `left_out_rows` next to some effects; those of a sensor scored."""
 
         def make():
-            problem = self._problem_with(held)
+            problem = self._problem_with(indices)
             return left_out_rows(problem, scheme.fold, scored=self._sigma is not None)
 
-        return cached(self._rows, (scheme.name, *sorted(held)), make)
+        return cached(self._rows, (scheme.name, *sorted(indices)), make)

@@ -76,12 +76,12 @@ def left_out_rows(
     """
     mixing, fitted = problem.hat_mixing, _coefficients(problem)
     out, block_of_row = np.full(len(problem.residual), np.nan), fold[problem.sample]
-    without = _scored_block if scored else _without_block
+    leave_out = _scored_block if scored else _without_block
     for k in np.unique(fold) if only is None else (only,):
         block = _block(problem, block_of_row == k)
         inner = mixing.T @ block.gram @ mixing
         score = mixing.T @ (block.moments - block.gram @ fitted)
-        change, log_determinant = without(inner, score)
+        change, log_determinant = leave_out(inner, score)
         errors = block.observed - block.columns @ (fitted - mixing @ change)
         if scored:
             errors = np.sqrt(errors**2 + log_determinant / len(errors))
@@ -104,8 +104,8 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
         remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
         shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
         # of a few errors, not of all directions: the products with these take as long as the eigenvectors
-        along = ((out[:, block.rows] @ block.columns) @ mixing) @ vectors
-        out[:, block.rows] -= ((along * shrinkage) @ vectors.T) @ mixing.T @ block.columns.T
+        projected = ((out[:, block.rows] @ block.columns) @ mixing) @ vectors
+        out[:, block.rows] -= ((projected * shrinkage) @ vectors.T) @ mixing.T @ block.columns.T
     return out * problem.units
 
 

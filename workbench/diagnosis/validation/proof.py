@@ -48,7 +48,7 @@ from workbench.diagnosis.validation.stability import (
     Nested,
     effect_indices,
     effects_of,
-    judges_of_all,
+    schemes_judging_all,
     searched_schemes,
     stable_terms,
 )
@@ -61,7 +61,7 @@ _CLEAR = (
 )
 _SINGLE = 1.5  # effective number of poses below which one shows nearly all of an effect
 Find = Callable[[Bench, np.ndarray], list[Finding]]
-Say = Callable[[str], None]
+Progress = Callable[[str], None]
 
 
 def prove(
@@ -69,7 +69,7 @@ def prove(
     found: Found,
     find: Find,
     noise: tuple[float, str],
-    say: Say = lambda text: None,
+    progress: Progress = lambda text: None,
     searches: FoldSearches | None = None,
 ):
     """(Proof, terms that stay, terms refused) of what was found on all samples.
@@ -82,17 +82,17 @@ def prove(
     inliers = ~found.outliers
     searches = searches or fold_searches(find)
     errors = Errors(bench)
-    terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), say)
+    terms, refused = _retained_terms(bench, list(found.findings), tested_samples(bench), progress)
     terms = with_step_places(bench, terms)
-    searched = partial(_nested_search, bench, found, errors, say=say)
+    searched = partial(_nested_search, bench, found, errors, progress=progress)
     nested = searched(searches, terms) if terms else searched(None, ())
-    say("what each term adds to the predictions of the folds")
+    progress("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)
-    terms, more = _controlled(bench, terms, say)
+    terms, uncontrolled = _controlled(bench, terms, progress)
     terms, orphans = require_compliances(bench, terms)
     terms, chance = reject_explained_by_correlated_noise(bench, terms)
-    gone = [*refused, *lost, *more, *orphans, *chance]
-    say("held-out errors with the terms that stay")
+    gone = [*refused, *lost, *uncontrolled, *orphans, *chance]
+    progress("held-out errors with the terms that stay")
     terms, worse, rows = _supported(errors, terms, gone, nested, inliers)
     effects = effects_of([term.finding for term in terms])
     fixed = [
@@ -119,26 +119,26 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: lis
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
     error does not fall, the term with the least support goes.
     """
-    parts, sigma = [result.scheme for result in results], sigma_of(errors.bench)
+    tested_schemes, sigma = [result.scheme for result in results], sigma_of(errors.bench)
     predicted, is_reduced = [result.errors for result in results], False
     refused: list[Term] = []
     while terms:
-        judges = judges_of_all(errors.bench, terms, parts)
+        judging = schemes_judging_all(errors.bench, terms, tested_schemes)
         predicted = _with_same_terms(errors, results, predicted, terms)
-        rows = _judged_rows(results, predicted, judges, inliers, sigma)
+        rows = _scheme_errors(results, predicted, judging, inliers, sigma)
         if is_supported(rows):
             return terms, refused, rows
         if not is_reduced and gone:
-            predicted, is_reduced = _without(errors, results, gone), True
+            predicted, is_reduced = _without_refused(errors, results, gone), True
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
         refused.append(refused_term(weakest, rows, errors.bench.unit))
         remaining = [term for term in terms if term is not weakest]
         terms, orphans = require_compliances(errors.bench, remaining)
         refused += orphans
-        predicted = _without(errors, results, [*gone, *refused])
+        predicted = _without_refused(errors, results, [*gone, *refused])
     plain = [result.baseline_errors for result in results]
-    return [], refused, _judged_rows(results, plain, parts, inliers, sigma)
+    return [], refused, _scheme_errors(results, plain, tested_schemes, inliers, sigma)
 
 
 def _with_same_terms(
@@ -152,7 +152,9 @@ def _with_same_terms(
     ]
 
 
-def _without(errors: Errors, results: list[Nested], refused: Sequence[Term]) -> list[np.ndarray]:
+def _without_refused(
+    errors: Errors, results: list[Nested], refused: Sequence[Term]
+) -> list[np.ndarray]:
     """Errors (n,) by scheme of what the folds found by themselves, except what is one of the refused terms."""
     gone = {(term.finding.effect, term.finding.where) for term in refused}
     out = []
@@ -166,7 +168,7 @@ def _without(errors: Errors, results: list[Nested], refused: Sequence[Term]) -> 
     return out
 
 
-def _judged_rows(results: list[Nested], predicted, judges, inliers, sigma) -> list[SchemeErrors]:
+def _scheme_errors(results: list[Nested], predicted, judging, inliers, sigma) -> list[SchemeErrors]:
     """Errors by scheme; those of several kinds of samples (corners, stripes) are weighted by their noise `sigma`."""
     rows = []
     for result, after in zip(results, predicted):
@@ -177,7 +179,7 @@ def _judged_rows(results: list[Nested], predicted, judges, inliers, sigma) -> li
                 result.baseline_errors,
                 after,
                 *figures,
-                result.scheme in judges,
+                result.scheme in judging,
                 result.is_searched,
             )
         )
@@ -195,20 +197,20 @@ def _nested_search(
     errors: Errors,
     searches: FoldSearches | None,
     terms: Sequence[Term],
-    say: Say,
+    progress: Progress,
 ) -> list[Nested]:
     """The search repeated inside every fold of the schemes that repeat it; None: there is nothing to be proved."""
-    parts = schemes(bench.pose, found.before)
+    tested_schemes = schemes(bench.pose, found.before)
     if searches is None:
-        plain = [errors((), scheme.fold) for scheme in parts]
+        plain = [errors((), scheme.fold) for scheme in tested_schemes]
         return [
             Nested(scheme, plain_errors, plain_errors, {}, 0.0)
-            for scheme, plain_errors in zip(parts, plain)
+            for scheme, plain_errors in zip(tested_schemes, plain)
         ]
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
-    searched, results = searched_schemes(bench, terms, parts), []
-    by_scheme = dict(zip(searched, _search_nested(bench, searches, searched, say)))
-    for scheme in parts:
+    searched, results = searched_schemes(bench, terms, tested_schemes), []
+    by_scheme = dict(zip(searched, _search_nested(bench, searches, searched, progress)))
+    for scheme in tested_schemes:
         if scheme not in by_scheme:
             plain = errors((), scheme.fold)
             results.append(Nested(scheme, plain, plain, {}, 0.0, is_searched=False))
@@ -234,12 +236,12 @@ def _t_of(errors: Errors, before: np.ndarray, after: np.ndarray, inliers: np.nda
 def _proof(bench, rows: Sequence[SchemeErrors], fixed, noise, inliers) -> Proof:
     """The figures of the scheme that judges; where nothing is claimed, the baseline predicts."""
     shown = reported_scheme(rows)
-    at = next(i for i, row in enumerate(rows) if row is shown)
+    index = next(i for i, row in enumerate(rows) if row is shown)
     t = paired_t(bench.pose, shown.before, shown.after, inliers, sigma_of(bench))
     return Proof(
         before=shown.rms_before,
         after=shown.rms_after,
-        fixed=rms(fixed[at], inliers, sigma_of(bench)),
+        fixed=rms(fixed[index], inliers, sigma_of(bench)),
         t=t,
         folds=len(shown.scheme.folds),
         noise=noise[0],
@@ -259,23 +261,23 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
         "after": row.rms_after,
         "after_same_terms": rms(fixed, inliers, sigma_of(bench)),
         "t": paired_t(bench.pose, row.before, row.after, inliers, sigma_of(bench)),
-        "judges": row.judges,
+        "judges": row.is_judging,
         "nested": row.is_nested,
     }
 
 
 def _search_nested(
-    bench, searches: FoldSearches, parts: list[Scheme], say: Say
+    bench, searches: FoldSearches, tested_schemes: list[Scheme], progress: Progress
 ) -> list[dict[int, list[Finding]]]:
     """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold."""
-    found: list[dict[int, list[Finding]]] = [{} for _ in parts]
-    work = [(i, s, k) for i, s in enumerate(parts) for k in s.folds]
+    found: list[dict[int, list[Finding]]] = [{} for _ in tested_schemes]
+    work = [(i, s, k) for i, s in enumerate(tested_schemes) for k in s.folds]
     start = time.perf_counter()
-    results = searches.results(bench, samples_of_folds(parts))
+    results = searches.results(bench, samples_of_folds(tested_schemes))
     for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
         found[i][k] = terms
         seconds_left = (time.perf_counter() - start) / done * (len(work) - done)
-        say(
+        progress(
             f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
             f"about {duration(seconds_left)} left"
         )
@@ -292,13 +294,13 @@ def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Find
 
     Fewer of them where the bench can do with fewer; a bench that is `whole` sees in a fold what it saw outside.
     """
-    searched = judged = samples
+    searched = tested = samples
     if not bench.needs_all_samples:
-        searched, judged = (
+        searched, tested = (
             thinned(bench.pose, samples),
             thinned(bench.pose, samples, MAX_TESTED_SAMPLES),
         )
-    retained, refused = _retained_terms(bench, find(bench, searched), judged)
+    retained, refused = _retained_terms(bench, find(bench, searched), tested)
     return [term.finding for term in (*retained, *filter(_shown_once, refused))]
 
 
@@ -313,7 +315,7 @@ def _shown_once(term: Term) -> bool:
 
 
 def _retained_terms(
-    bench, findings: list[Finding], samples, say: Say = lambda text: None
+    bench, findings: list[Finding], samples, progress: Progress = lambda text: None
 ) -> tuple[list[Term], list[Term]]:
     """Terms with a real held-out gain conditional on one another, and the removed ones, in the problem solved with all.
 
@@ -321,71 +323,71 @@ def _retained_terms(
     """
     if not findings:
         return [], []
-    say(f"held-out gain of {len(findings)} terms, each conditional on the others")
+    progress(f"held-out gain of {len(findings)} terms, each conditional on the others")
     problem = bench.problem(effects_of(findings), samples, hypotheses=False)
     numbers = dict(zip(map(id, findings), effect_indices(findings)))
     trial = ConditionalGains(bench, problem, samples)
-    least = critical_t(bench.sigma)
+    min_t = critical_t(bench.sigma)
 
-    def judged(terms: Sequence[Term], among: Sequence[Term]) -> list[Term]:
-        present = [i for term in among for i in numbers[id(term.finding)]]
-        step, out = counted(say, len(terms)), []
+    def with_gains(terms: Sequence[Term], present_terms: Sequence[Term]) -> list[Term]:
+        present = [i for term in present_terms for i in numbers[id(term.finding)]]
+        step, out = counted(progress, len(terms)), []
         for term in terms:
             step(f"held-out gain of {term.title}")
-            out.append(trial.judged(term, numbers[id(term.finding)], present))
+            out.append(trial.with_gains(term, numbers[id(term.finding)], present))
         return out
 
-    return _without_insignificant(judged, [Term(f) for f in findings], least)
+    return _without_insignificant(with_gains, [Term(f) for f in findings], min_t)
 
 
 Judge = Callable[[Sequence[Term], Sequence[Term]], list[Term]]
 
 
 def _without_insignificant(
-    judged: Judge, terms: Sequence[Term], least: float
+    with_gains: Judge, terms: Sequence[Term], min_t: float
 ) -> tuple[list[Term], list[Term]]:
-    """Terms whose gain conditional on one another has a t above `least`, and the others; the weakest goes first.
+    """Terms whose gain conditional on one another has a t above `min_t`, and the others; the weakest goes first.
 
-    judged(some, among): some of the terms `among`, judged conditional on all of these. Once a term is gone, first those
-    are judged again that are not clear; the clear ones once no unclear one goes.
+    with_gains(some, present): some of the terms `present`, each with its gain conditional on all the others. Once a
+    term is removed, the terms that are not clearly significant are tested again, then the others.
     """
-    remaining, refused = judged(terms, terms), []
+    remaining, refused = with_gains(terms, terms), []
     outdated: set[int] = set()
     while remaining:
         worst = min(remaining, key=lambda term: (term.gain > 0, term.t))
-        if worst.t > least and worst.gain > 0:
+        if worst.t > min_t and worst.gain > 0:
             if not outdated:
                 break
             chosen = outdated
         else:
-            refused.append(replace(worst, kept=False, reason=_insignificant(worst.t, least)))
+            refused.append(replace(worst, kept=False, reason=_insignificant(worst.t, min_t)))
             remaining.remove(worst)
             outdated = {id(term.finding) for term in remaining}
-            clear = {id(t.finding) for t in remaining if t.t > _CLEAR * least and t.gain > 0}
+            clear = {id(t.finding) for t in remaining if t.t > _CLEAR * min_t and t.gain > 0}
             chosen = outdated - clear
-        again = [term for term in remaining if id(term.finding) in chosen]
-        new = dict(zip(map(id, again), judged(again, remaining)))
+        retested = [term for term in remaining if id(term.finding) in chosen]
+        new = dict(zip(map(id, retested), with_gains(retested, remaining)))
         remaining = [new.get(id(term), term) for term in remaining]
         outdated = outdated - chosen
     return remaining, refused
 
 
-def _insignificant(t: float, least: float) -> str:
+def _insignificant(t: float, min_t: float) -> str:
     if t < 0:
-        return f"next to the other terms it does not reduce the held-out error (t = {t:.1f}, required is {least:g})"
-    return f"its held-out gain next to the other terms is not significant (t = {t:.1f}, required is {least:g})"
+        return f"next to the other terms it does not reduce the held-out error (t = {t:.1f}, required is {min_t:g})"
+    return f"its held-out gain next to the other terms is not significant (t = {t:.1f}, required is {min_t:g})"
 
 
-def _controlled(bench, terms: list[Term], say) -> tuple[list[Term], list[Term]]:
+def _controlled(bench, terms: list[Term], progress) -> tuple[list[Term], list[Term]]:
     """The terms with their controls, and those that failed them."""
     passed, failed = [], []
-    step = counted(say, len(terms))
+    step = counted(progress, len(terms))
     solved = effects_of([term.finding for term in terms])
     for term in terms:
         step(f"controls of {term.title}")
-        own = term.finding.effects
-        others = [effect for effect in solved if not any(effect is mine for mine in own)]
-        controlled = replace(term, controls=controls(bench, others, own, solved=solved))
+        tested = term.finding.effects
+        others = [effect for effect in solved if not any(effect is mine for mine in tested)]
+        controlled = replace(term, controls=controls(bench, others, tested, solved=solved))
         broken = [control.kind for control in controlled.controls if control.passed is False]
         if broken:
             reason = f"it has a gain without its cause, too (control: {' and '.join(broken)})"

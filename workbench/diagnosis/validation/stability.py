@@ -59,39 +59,41 @@ def stable_terms(
     nested = [result for result in nested if result.is_searched]
     if not terms:
         return [], []
-    judges = judges_of_all(bench, terms, [result.scheme for result in nested])
-    t = combined_t([result.t for result in nested if result.scheme in judges], bench.sigma)
+    judging = schemes_judging_all(bench, terms, [result.scheme for result in nested])
+    t = combined_t([result.t for result in nested if result.scheme in judging], bench.sigma)
     if not t > critical_t(bench.sigma):
         reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
     folds = _Folds(bench, terms, nested, inliers)
-    judged = [folds.judged(number, term) for number, term in enumerate(terms)]
-    return [result for result in judged if result.kept], [
-        result for result in judged if not result.kept
+    tested = [folds.tested_in_folds(number, term) for number, term in enumerate(terms)]
+    return [result for result in tested if result.kept], [
+        result for result in tested if not result.kept
     ]
 
 
-def judges_of_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> list[Scheme]:
+def schemes_judging_all(bench, terms: Sequence[Term], schemes: Sequence[Scheme]) -> list[Scheme]:
     """The schemes that can judge every term; where no scheme can, those that can judge the largest."""
     findings = [term.finding for term in terms]
     part = tested_samples(bench)
     problem = bench.problem(effects_of(findings), part, hypotheses=False)
     originals = {scheme.at(part): scheme for scheme in schemes}
-    able = []
+    judging_sets = []
     for finding, indices in zip(findings, effect_indices(findings)):
-        judges = judging_schemes(bench, finding.effects, list(originals), problem, indices)
-        able.append([originals[judge] for judge in judges])
+        judging = judging_schemes(bench, finding.effects, list(originals), problem, indices)
+        judging_sets.append([originals[judge] for judge in judging])
     common = [
-        scheme for scheme in schemes if all(scheme in judges_of_term for judges_of_term in able)
+        scheme
+        for scheme in schemes
+        if all(scheme in judges_of_term for judges_of_term in judging_sets)
     ]
-    return common or able[int(np.argmax([finding.gain for finding in findings]))]
+    return common or judging_sets[int(np.argmax([finding.gain for finding in findings]))]
 
 
-def searched_schemes(bench, terms: Sequence[Term], parts: Sequence[Scheme]) -> list[Scheme]:
+def searched_schemes(bench, terms: Sequence[Term], candidates: Sequence[Scheme]) -> list[Scheme]:
     """The schemes whose folds repeat the search: all, or the first that can judge every term where these are large."""
     if not is_large([term.finding for term in terms], bench):
-        return list(parts)
-    return judges_of_all(bench, terms, parts)[:1]
+        return list(candidates)
+    return schemes_judging_all(bench, terms, candidates)[:1]
 
 
 def is_large(findings: Sequence[Finding], bench) -> bool:
@@ -119,7 +121,7 @@ class _Folds:
             result.scheme.at(part): _solved(bench, result.found, part) for result in nested
         }
 
-    def judged(self, number: int, term: Term) -> Term:
+    def tested_in_folds(self, number: int, term: Term) -> Term:
         """The term with its t in the folds, and whether it is kept."""
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
@@ -162,28 +164,28 @@ class _Folds:
         return out
 
     def _nested_components(
-        self, scheme: Scheme, folds: dict[int, "_SolvedFold"], without, scored: bool
+        self, scheme: Scheme, folds: dict[int, "_SolvedFold"], left_out, scored: bool
     ) -> np.ndarray:
         """(2, m, n) components of the errors where every fold is predicted with what was found without it.
 
-        Without a finding and with it, as of `nested_components` and `without_others`. without: the finding, and what it
-        makes, as of `_displacements`.
+        Without a finding and with it, as of `nested_components` and `without_others`. left_out: the finding, and
+        its displacement, as of `_displacements`.
         """
-        parts = {}
+        components = {}
         for k, solved in folds.items():
-            rest, all_indices = [], []
+            others, all_indices = [], []
             for f, m, numbers in zip(
                 solved.findings, solved.displacements, effect_indices(solved.findings)
             ):
                 all_indices += numbers
-                rest += [] if _same(f, m, *without) else numbers
+                others += [] if _same(f, m, *left_out) else numbers
             problems = [
-                without_others(self._bench, solved.problem, held, self._part)
-                for held in (rest, all_indices)
+                without_others(self._bench, solved.problem, indices, self._part)
+                for indices in (others, all_indices)
             ]
-            parts[k] = self._components(problems, solved, scheme.fold == k, scored)
-        out = np.full_like(next(iter(parts.values())), np.nan)
-        for k, part in parts.items():
+            components[k] = self._components(problems, solved, scheme.fold == k, scored)
+        out = np.full_like(next(iter(components.values())), np.nan)
+        for k, part in components.items():
             out[..., scheme.fold == k] = part[..., scheme.fold == k]
         return out
 
@@ -217,7 +219,7 @@ class _SolvedFold:
     def holds(self, finding: Finding, moved: np.ndarray) -> bool:
         """Whether the fold found a finding, or what is confounded with it; moved (N,): what this makes."""
         pairs = zip(self.findings, self.displacements)
-        return any(_same(own, made, finding, moved) for own, made in pairs)
+        return any(_same(solved, made, finding, moved) for solved, made in pairs)
 
 
 def _solved(bench, nested: dict[int, list[Finding]], part) -> dict[int, _SolvedFold]:
@@ -257,10 +259,10 @@ def _same(finding: Finding, displacement: np.ndarray, other: Finding, moved: np.
 
     displacement, moved (N,): what the two make.
     """
-    both = float((displacement**2).sum() * (moved**2).sum())
+    product = float((displacement**2).sum() * (moved**2).sum())
     return (
         _name(finding) in _names(other)
-        or float(displacement @ moved) ** 2 >= CONFOUNDED_SHARE * both > 0
+        or float(displacement @ moved) ** 2 >= CONFOUNDED_SHARE * product > 0
     )
 
 

@@ -37,23 +37,29 @@ def with_step_places(bench: Bench, terms: Sequence[Term]) -> list[Term]:
 def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> Finding:
     """A step's finding, conditional on other effects: its place, probability and alternatives."""
     steps = _steps_at_its_instant(bench.chain, finding.effects[0], others)
-    whole = bench.problem((*others, *steps), tested_samples(bench), hypotheses=False)
+    full_problem = bench.problem((*others, *steps), tested_samples(bench), hypotheses=False)
     kept = list(range(len(others)))
-    without = whole.conditional_on(kept)
-    models = [whole.conditional_on([*kept, len(kept) + k]) for k in range(len(steps))]
-    logs = np.array([log_evidence(without, model) for model in models])
+    base = full_problem.conditional_on(kept)
+    models = [full_problem.conditional_on([*kept, len(kept) + k]) for k in range(len(steps))]
+    logs = np.array([log_evidence(base, model) for model in models])
     if not np.isfinite(logs).all():
         return finding
     best = int(np.argmax(logs))
     chosen = best if logs[best] - logs[0] > LEAST_LOG_ODDS else 0
-    explained = np.array([_squares(without) - _squares(model) for model in models])
-    alike = np.clip(explained / max(explained[chosen], 1e-300), 0.0, 1.0)
+    explained = np.array([_squares(base) - _squares(model) for model in models])
+    likeness = np.clip(explained / max(explained[chosen], 1e-300), 0.0, 1.0)
     names = [(step.effect, step.where) for step in steps]
-    rest = [a for a in finding.alternatives if (a.effect, a.where) not in names]
+    unchanged = [a for a in finding.alternatives if (a.effect, a.where) not in names]
     shares = np.exp(logs - logs[best])
-    shares *= (1 - sum(a.probability for a in rest)) / shares.sum()
+    shares *= (1 - sum(a.probability for a in unchanged)) / shares.sum()
     listed = [
-        Alternative(*names[k], finding.label, float(shares[k]), float(alike[k]), _why(alike[k]))
+        Alternative(
+            *names[k],
+            finding.label,
+            float(shares[k]),
+            float(likeness[k]),
+            _likeness_text(likeness[k]),
+        )
         for k in np.argsort(-shares)
         if k != chosen and shares[k] >= LISTED_PROBABILITY
     ]
@@ -64,16 +70,16 @@ def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> F
         where=where,
         effects=(steps[chosen],),
         probability=float(shares[chosen]),
-        alternatives=(*listed, *rest),
+        alternatives=(*listed, *unchanged),
     )
 
 
-def _steps_at_its_instant(chain, own: Effect, others: Sequence[Effect]) -> list[Effect]:
+def _steps_at_its_instant(chain, chosen: Effect, others: Sequence[Effect]) -> list[Effect]:
     """The step, and those of all places at its instant that the others do not hold."""
-    known = {(effect.effect, effect.where) for effect in (own, *others)}
+    known = {(effect.effect, effect.where) for effect in (chosen, *others)}
     grids = [grid for kind in _STEPS for grid in kind.grids(chain)]
-    steps = [grid.effect(grid.where, own.after) for grid in grids]
-    return [own, *(step for step in steps if (step.effect, step.where) not in known)]
+    steps = [grid.effect(grid.where, chosen.after) for grid in grids]
+    return [chosen, *(step for step in steps if (step.effect, step.where) not in known)]
 
 
 def _squares(problem: Problem) -> float:
@@ -81,5 +87,5 @@ def _squares(problem: Problem) -> float:
     return float(remaining @ remaining)
 
 
-def _why(alike: float) -> str:
-    return f"it makes {100 * alike:.0f} % of the same signature in these poses"
+def _likeness_text(likeness: float) -> str:
+    return f"it makes {100 * likeness:.0f} % of the same signature in these poses"

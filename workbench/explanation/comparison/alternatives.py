@@ -28,8 +28,8 @@ def alternative_sets(
     columns (C, N): whitened derivatives of the C candidates; white (N,): whitened residual; both without what is always
     estimated. chosen: indices of the named candidates. No listed set contains another.
     """
-    rest = [i for i in chosen if i != member]
-    orthogonal, residual = _without(columns, white, columns[rest])
+    kept = [i for i in chosen if i != member]
+    orthogonal, residual = _project_out(columns, white, columns[kept])
     seen = np.linalg.norm(orthogonal, axis=1) > _DEPENDENT * np.linalg.norm(columns, axis=1)
     others = [int(i) for i in np.flatnonzero(seen) if i not in chosen]
     gram = orthogonal @ orthogonal.T
@@ -38,22 +38,22 @@ def alternative_sets(
     named = _explained(gram, right, [(member,)])[0] - penalty
     found: list[tuple[float, tuple[int, ...]]] = []
     for size in range(1, _MOST_MEMBERS + 1):
-        sets = list(combinations(others, size))
-        if not sets:
+        candidate_sets = list(combinations(others, size))
+        if not candidate_sets:
             break
-        gains = _explained(gram, right, sets) - size * penalty
+        gains = _explained(gram, right, candidate_sets) - size * penalty
         likely = np.flatnonzero(gains - named >= 2 * np.log(_LEAST_ODDS))
         smaller = [set(indices) for _, indices in found]
         found += [
-            (float(gains[k]), sets[k])
+            (float(gains[k]), candidate_sets[k])
             for k in likely
-            if not any(indices <= set(sets[k]) for indices in smaller)
+            if not any(indices <= set(candidate_sets[k]) for indices in smaller)
         ]
     found.sort(key=lambda row: -row[0])
     return [indices for _, indices in found[:_MOST_LISTED]]
 
 
-def _without(columns, white, known) -> tuple[np.ndarray, np.ndarray]:
+def _project_out(columns, white, known) -> tuple[np.ndarray, np.ndarray]:
     """Columns (C, N) and residual (N,) with the rows of `known` (K, N) projected out."""
     if not len(known):
         return columns, white
@@ -62,16 +62,16 @@ def _without(columns, white, known) -> tuple[np.ndarray, np.ndarray]:
     return remaining[:, :-1].T, remaining[:, -1]
 
 
-def _explained(gram, right, sets) -> np.ndarray:
+def _explained(gram, right, member_sets) -> np.ndarray:
     """(S,) sum of squares that each of S sets of equal size explains; 0 where its columns are dependent."""
-    members = np.array(sets)
+    members = np.array(member_sets)
     matrices = gram[members[:, :, None], members[:, None, :]]
     scale = np.sqrt(np.einsum("skk->sk", matrices))
     scaled = matrices / scale[:, :, None] / scale[:, None, :]
     values, vectors = np.linalg.eigh(scaled)
     values = np.where(values > _DEPENDENT, values, np.inf)
-    along = np.einsum("skj,sk->sj", vectors, right[members] / scale)
-    return (along**2 / values).sum(1)
+    projected = np.einsum("skj,sk->sj", vectors, right[members] / scale)
+    return (projected**2 / values).sum(1)
 
 
 __all__ = ["alternative_sets"]

@@ -28,7 +28,7 @@ from workbench.fitting.calibration_plans.plans import frames_of
 from workbench.fitting.noise_scale import NOISE_ROUNDS
 from workbench.fitting.priors.wider_priors import widened
 
-_MOST = 12  # parameters that are named
+_MAX_NAMED = 12  # parameters that are named
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def differences(
     fit = solve(model, _free(model, start, chosen))
     rows = _rows(model, start, fit, candidates, chosen)
     noise = _noise(reference, moving, all_differences)
-    return Differences(tuple(rows[:_MOST]), noise, len(candidates))
+    return Differences(tuple(rows[:_MAX_NAMED]), noise, len(candidates))
 
 
 def with_differences(diagnosis: Diagnosis, reference: Reference, recording) -> Diagnosis:
@@ -135,8 +135,8 @@ def _free(model: _Compared, start: Parameters, keys: Sequence[str]) -> Parameter
 def _selected(model: _Compared, start: Parameters, candidates: Sequence[str]) -> list[str]:
     """Keys of the parameters that the data need, by stepwise selection about the solution with frames and effects."""
     placed = solve(model, _free(model, start, ())).parameters
-    names, orthogonal, rest, degrees = _projected(model, placed, candidates)
-    return [names[i] for i in _stepwise(orthogonal, rest, degrees)]
+    names, orthogonal, remaining, degrees = _projected(model, placed, candidates)
+    return [names[i] for i in _stepwise(orthogonal, remaining, degrees)]
 
 
 def _projected(
@@ -154,9 +154,9 @@ def _projected(
     columns = (rows / sigma).reshape(len(rows), -1) * free.typical[free.mask][:, None]
     keys = [key for key, is_free in zip(free.keys, free.mask) if is_free]
     is_candidate = np.isin(keys, candidates)
-    orthogonal, rest = _cleared(columns[~is_candidate], columns[is_candidate], white)
+    orthogonal, remaining = _cleared(columns[~is_candidate], columns[is_candidate], white)
     names = [key for key, is_wanted in zip(keys, is_candidate) if is_wanted]
-    return names, orthogonal, rest, white.size - int((~is_candidate).sum())
+    return names, orthogonal, remaining, white.size - int((~is_candidate).sum())
 
 
 def _cleared(always, columns, white) -> tuple[np.ndarray, np.ndarray]:
@@ -223,9 +223,9 @@ def _exchanged(columns, white, chosen: list[int], usable) -> list[int]:
 
 def _pruned(columns, white, chosen: list[int], degrees: int, limit: float) -> list[int]:
     for member in list(chosen):
-        rest = [i for i in chosen if i != member]
-        if _p_value(columns, white, rest, member, degrees) > limit:
-            chosen = rest
+        kept = [i for i in chosen if i != member]
+        if _p_value(columns, white, kept, member, degrees) > limit:
+            chosen = kept
     return chosen
 
 
@@ -236,9 +236,9 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
     confounded_terms = _confounded(model, start, fit, candidates, chosen)
     parameters_of_row = []
     for key in chosen:
-        at = start.index[key]
-        change = float(fit.parameters.values[at] - start.values[at])
-        column = model.linearise(fit.parameters.only(np.arange(len(start)) == at))[1][0, :3]
+        index = start.index[key]
+        change = float(fit.parameters.values[index] - start.values[index])
+        column = model.linearise(fit.parameters.only(np.arange(len(start)) == index))[1][0, :3]
         where, _, name = key.partition(".")
         parameters_of_row.append(
             {
@@ -247,7 +247,7 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
                 "value": change,
                 "std": float(std[key]),
                 "sigmas": abs(change) / max(float(std[key]), 1e-300),
-                "unit": start.table[at].unit,
+                "unit": start.table[index].unit,
                 "size_mm": float(np.sqrt(((column * change) ** 2).sum(0).mean())),
                 "confounded_with": confounded_terms[key],
             }
@@ -266,8 +266,8 @@ def _confounded(model, start, fit: Fit, candidates, chosen) -> dict[str, list[st
     numbers = [names.index(key) for key in chosen]
     found = {}
     for key, number in zip(chosen, numbers):
-        sets = alternative_sets(orthogonal, white, numbers, number)
-        found[key] = [" + ".join(names[i] for i in combination) for combination in sets]
+        confounded_sets = alternative_sets(orthogonal, white, numbers, number)
+        found[key] = [" + ".join(names[i] for i in combination) for combination in confounded_sets]
     return found
 
 

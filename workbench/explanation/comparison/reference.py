@@ -184,10 +184,10 @@ def shares(
     """
     total = _square(model, parameters)
     placed = solve(model, _free(parameters, frames_of(parameters)))
-    every = _free(
+    all_free = _free(
         placed.parameters, (*frames_of(parameters), *geometry_free(model.chain.robot)), model
     )
-    fitted = solve(model, every)
+    fitted = solve(model, all_free)
     residual = in_space(fitted.residual)
     residual_variance = float((residual**2).sum(0).mean())
     free = fitted.residual.size - fitted.degrees

@@ -15,7 +15,7 @@ from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.result import Term
 
 _ISOTROPIC = 1.01  # ratio of stated sigmas of a sample's axes up to which they are equal
-_LEAST = 30  # samples
+_MIN_SAMPLES = 30  # samples
 _ROUNDING = 1e-12  # of the mean square, below which the logarithm of a square is rounding
 
 
@@ -38,7 +38,7 @@ def angular_noise(bench, residual: np.ndarray, inliers: np.ndarray) -> Finding |
     if bench.chain is None or not bench.chain.places("instrument") or len(residual) != 3:
         return None
     stated = bench.chain.stated_sigma[:3]
-    if inliers.sum() < _LEAST or not (stated.max(0) <= _ISOTROPIC * stated.min(0)).all():
+    if inliers.sum() < _MIN_SAMPLES or not (stated.max(0) <= _ISOTROPIC * stated.min(0)).all():
         return None
     sight, distance = (part[..., inliers] for part in sight_lines(bench.chain.state))
     p, ratio = direction_test(residual[:, inliers], sight)
@@ -47,11 +47,11 @@ def angular_noise(bench, residual: np.ndarray, inliers: np.ndarray) -> Finding |
         (p if ratio > 1 else 1.0, f"{ratio:.2g} times as large across the sight line as along it"),
         (p_range if exponent > 0 else 1.0, f"with the range to the power {exponent:.2g}"),
     ]
-    least, label = min(labels)
-    if 2 * least > DATA_FAULT_LEVEL:
+    min_p, label = min(labels)
+    if 2 * min_p > DATA_FAULT_LEVEL:
         return None
     return Finding(
-        AngularNoise.effect, "noise", label, (), 2 * least, 1 - 2 * least, 0.0, 0.0, ("range",)
+        AngularNoise.effect, "noise", label, (), 2 * min_p, 1 - 2 * min_p, 0.0, 0.0, ("range",)
     )
 
 
@@ -61,8 +61,8 @@ def range_test(residual: np.ndarray, distance: np.ndarray) -> tuple[float, float
     Ordinary least squares of the mean logarithm of the squares on twice the logarithm of the range (Harvey,
     Econometrica 44 (1976) 461), with the standard error of the residuals of that line.
     """
-    least = _ROUNDING * float((residual**2).mean())
-    logs = np.log(residual**2 + least).mean(0)
+    rounding = _ROUNDING * float((residual**2).mean())
+    logs = np.log(residual**2 + rounding).mean(0)
     x = 2 * np.log(distance)
     x = x - x.mean()
     squares = float(x @ x)
@@ -79,18 +79,20 @@ def direction_test(residual: np.ndarray, sight: np.ndarray) -> tuple[float, floa
 
     residual (3, n) mm; sight (3, n) unit vectors. The ratio is across over along.
     """
-    along = (residual * sight).sum(0)
-    aside = np.where(np.abs(sight[2]) < 0.9, 1.0, 0.0)
-    helper = np.stack([1 - aside, np.zeros_like(aside), aside])
+    radial = (residual * sight).sum(0)
+    axis_choice = np.where(np.abs(sight[2]) < 0.9, 1.0, 0.0)
+    helper = np.stack([1 - axis_choice, np.zeros_like(axis_choice), axis_choice])
     first = np.cross(sight.T, helper.T).T
     first /= np.linalg.norm(first, axis=0)
     second = np.cross(sight.T, first.T).T
-    across = [(residual * direction).sum(0) for direction in (first, second)]
-    least = _ROUNDING * float((residual**2).mean())
-    logs = [np.log(part**2 + least) for part in (along, *across)]
+    transverse = [(residual * direction).sum(0) for direction in (first, second)]
+    rounding = _ROUNDING * float((residual**2).mean())
+    logs = [np.log(part**2 + rounding) for part in (radial, *transverse)]
     difference = (logs[1] + logs[2]) / 2 - logs[0]
     z = difference.mean() / (difference.std(ddof=1) / np.sqrt(len(difference)))
-    ratio = np.sqrt(np.mean([part**2 for part in across]) / max(float((along**2).mean()), 1e-300))
+    ratio = np.sqrt(
+        np.mean([part**2 for part in transverse]) / max(float((radial**2).mean()), 1e-300)
+    )
     return float(2 * norm.sf(abs(z))), float(ratio)
 
 

@@ -35,9 +35,9 @@ def heavy_tails(stated: StatedNoise) -> Term | None:
 
 
 def _row(name: str, label: str, value: float, std: float) -> dict:
-    about = {"key": f"noise.{EFFECT}.{name}", "name": name, "where": "noise", "label": label}
+    description = {"key": f"noise.{EFFECT}.{name}", "name": name, "where": "noise", "label": label}
     of_value = {"value": value, "std": std, "unit": "1", "typical": 1.0, "size_mm": None}
-    return {**about, "effect": EFFECT, **of_value}
+    return {**description, "effect": EFFECT, **of_value}
 
 
 __all__ = ["EFFECT", "heavy_tails"]

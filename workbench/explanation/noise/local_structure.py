@@ -14,7 +14,7 @@ import numpy as np
 from workbench.core.distributions import chi2
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.explanation.sentences.statements import ALIKE
+from workbench.explanation.sentences.statements import NEIGHBOURS
 
 _NEIGHBOURS, _TRIALS, _MOST_SAMPLES = 6, 200, 500
 """Neighbours within the width of the kernel, permutations, and samples that are compared with one another."""
@@ -39,7 +39,7 @@ def local_structure(problem: Problem, before: Problem, points: np.ndarray) -> Fi
     residual = problem.orthogonalise(problem.residual)
     rng = np.random.default_rng(0)
     permuted = [residual.reshape(m, n)[:, rng.permutation(n)].ravel() for _ in range(_TRIALS)]
-    every = np.column_stack([residual, problem.orthogonalise(np.stack(permuted, 1))])
+    columns = np.column_stack([residual, problem.orthogonalise(np.stack(permuted, 1))])
     used = np.arange(0, n, -(-n // _MOST_SAMPLES))
     for names, values in _spaces(problem, points):
         kernel = _kernel(values[:, used], problem.pose[used])
@@ -47,13 +47,13 @@ def local_structure(problem: Problem, before: Problem, points: np.ndarray) -> Fi
             if where != "base" and axes is None:
                 continue
             count += 1
-            p = _p_value(_in_frame(every.reshape(m, n, -1), axes)[:, used], kernel)
+            p = _p_value(_in_frame(columns.reshape(m, n, -1), axes)[:, used], kernel)
             if found is None or p < found[0]:
                 found = p, where, names
     if found is None or found[0] * count > DATA_FAULT_LEVEL:
         return None
     p, where, names = found
-    return Finding("unknown", where, ALIKE + names, (), p * count, 1.0 - p * count, 0.0, 0.0)
+    return Finding("unknown", where, NEIGHBOURS + names, (), p * count, 1.0 - p * count, 0.0, 0.0)
 
 
 def _tool_axes(before: Problem, components: int) -> np.ndarray | None:
@@ -106,11 +106,11 @@ def _p_value(values: np.ndarray, kernel: np.ndarray) -> float:
 
     By a scaled chi-square distribution with the mean, variance and skewness of the permuted ones.
     """
-    alike = sum((part * (kernel @ part)).sum(0) for part in values) / (values**2).sum((0, 1))
-    mean, std = alike[1:].mean(), max(float(alike[1:].std()), 1e-300)
-    skewness = max(float((((alike[1:] - mean) / std) ** 3).mean()), _LEAST_SKEWNESS)
+    similarity = sum((part * (kernel @ part)).sum(0) for part in values) / (values**2).sum((0, 1))
+    mean, std = similarity[1:].mean(), max(float(similarity[1:].std()), 1e-300)
+    skewness = max(float((((similarity[1:] - mean) / std) ** 3).mean()), _LEAST_SKEWNESS)
     degrees = 8 / skewness**2
-    z = float((alike[0] - mean) / std)
+    z = float((similarity[0] - mean) / std)
     return float(chi2.sf(degrees + z * np.sqrt(2 * degrees), degrees))
 
 

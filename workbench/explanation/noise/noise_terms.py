@@ -20,8 +20,10 @@ def noise_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     noise_findings = found.noise_findings
     if refused and noise_findings:
         moves = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
-        still = moves.site.where if moves else None
-        noise_findings = [f for f in noise_findings if f.effect == "outliers" or f.where == still]
+        random_place = moves.site.where if moves else None
+        noise_findings = [
+            f for f in noise_findings if f.effect == "outliers" or f.where == random_place
+        ]
     if (
         not terms
         and found.p_first <= UNMODELLED_LEVEL

@@ -27,8 +27,8 @@ def noise(
     """
     group, free = replicates(pose, index, residual)
     if free >= LEAST_REPEATS * len(residual):
-        within = sum(float(((row - _means(row, group)) ** 2).sum()) for row in residual)
-        return float(np.sqrt(len(residual) * within / free)), FROM_REPLICATES
+        within_groups = sum(float(((row - _means(row, group)) ** 2).sum()) for row in residual)
+        return float(np.sqrt(len(residual) * within_groups / free)), FROM_REPLICATES
     if sigma is not None:
         return float(np.sqrt(len(residual)) * sigma), AS_STATED
     return float(np.sqrt(len(residual) * (residual**2).sum() / max(degrees, 1.0))), UNKNOWN
@@ -47,16 +47,16 @@ def lack_of_fit(pose, index, residual: np.ndarray, rank: int) -> dict | None:
     if free < LEAST_REPEATS * len(residual):
         return None
     means = np.stack([_means(row, group) for row in residual])
-    between = len(residual) * (group.max() + 1) - rank
-    if between < 1:
+    degrees_between = len(residual) * (group.max() + 1) - rank
+    if degrees_between < 1:
         return None
     pure = float(((residual - means) ** 2).sum()) / free
-    lack = float((means**2).sum()) / between
+    lack = float((means**2).sum()) / degrees_between
     ratio = lack / max(pure, 1e-300)
     return {
         "f": ratio,
-        "p_value": float(fisher.sf(ratio, between, free)),
-        "degrees": [int(between), int(free)],
+        "p_value": float(fisher.sf(ratio, degrees_between, free)),
+        "degrees": [int(degrees_between), int(free)],
         "means_rms": float(np.sqrt((means**2).sum(0).mean())),
         "pure_error_rms": float(np.sqrt(len(residual) * pure)),
     }

@@ -62,8 +62,10 @@ class StatedNoise:
         share = self.degrees / self.white.size
         if not self.degrees >= len(self.white):
             return None
-        each = (self.white**2).mean(0) / share
-        return _ratio(each, len(self.white), self.pose, self.inliers, self.degrees, FROM_RESIDUALS)
+        mean_squares = (self.white**2).mean(0) / share
+        return _ratio(
+            mean_squares, len(self.white), self.pose, self.inliers, self.degrees, FROM_RESIDUALS
+        )
 
     def from_replicates(self) -> NoiseRatio | None:
         """The ratio from the scatter of repeats of one pose and target; None where there are too few."""
@@ -75,22 +77,24 @@ class StatedNoise:
         means = np.stack(
             [(np.bincount(group, row) / np.bincount(group))[group] for row in self.white]
         )
-        each = ((self.white - means) ** 2).mean(0) * count / np.maximum(count - 1, 1)
+        mean_squares = ((self.white - means) ** 2).mean(0) * count / np.maximum(count - 1, 1)
         m = len(self.white)
         pose = self.pose[repeated]
         inliers = self.inliers[repeated]
-        return _ratio(each[repeated], m, pose, inliers, free, FROM_REPLICATES)
+        return _ratio(mean_squares[repeated], m, pose, inliers, free, FROM_REPLICATES)
 
     def lack_of_fit(self) -> float:
         """p-value that the residual is no larger than the scatter of replicates; 1 without replicates."""
         found = self.from_residuals()
-        within = self.from_replicates()
-        if found is None or within is None or not found.factor > RELEVANT * within.factor:
+        repeats = self.from_replicates()
+        if found is None or repeats is None or not found.factor > RELEVANT * repeats.factor:
             return 1.0
         _, free = replicates(self.pose, self.index, self.white)
         poses = len(self.white) * len(np.unique(self.pose))
         return float(
-            fisher.sf((found.factor / within.factor) ** 2, max(min(self.degrees, poses), 1.0), free)
+            fisher.sf(
+                (found.factor / repeats.factor) ** 2, max(min(self.degrees, poses), 1.0), free
+            )
         )
 
     def is_exceeded(self) -> bool:
@@ -102,13 +106,18 @@ class StatedNoise:
 
 
 def _ratio(
-    each: np.ndarray, m: int, pose: np.ndarray, inliers: np.ndarray, degrees: float, source: str
+    mean_squares: np.ndarray,
+    m: int,
+    pose: np.ndarray,
+    inliers: np.ndarray,
+    degrees: float,
+    source: str,
 ) -> NoiseRatio:
     """The ratio from mean squares (n,) of samples of m coordinates, in units of the stated variance."""
-    factors = np.sqrt(_variances(each, m, inliers))
+    factors = np.sqrt(_variances(mean_squares, m, inliers))
     agreed = _agreed(factors)
     factor = float(factors[1])
-    usable = each[inliers] if inliers.any() else each
+    usable = mean_squares[inliers] if inliers.any() else mean_squares
     _, group = np.unique(pose[inliers] if inliers.any() else pose, return_inverse=True)
     sums = np.bincount(group, usable - usable.mean())  # repeats of one pose may err together
     spread = float(np.sqrt((sums**2).sum()) / max(usable.sum(), 1e-300))
@@ -119,11 +128,11 @@ def _ratio(
     return NoiseRatio(factor, factor * relative, max(p, 1e-300), source, agreed)
 
 
-def _variances(each: np.ndarray, m: int, inliers: np.ndarray) -> np.ndarray:
+def _variances(mean_squares: np.ndarray, m: int, inliers: np.ndarray) -> np.ndarray:
     """(4,) variance over the stated one: of all samples, of all but outliers, and of the bulk by two quantiles."""
-    inner = each[inliers] if inliers.any() else each
-    bulk = [m * np.quantile(each, q) / chi2.ppf(q, m) for q in _QUANTILES]
-    return np.maximum([each.mean(), inner.mean(), *bulk], 1e-300)
+    inner = mean_squares[inliers] if inliers.any() else mean_squares
+    bulk = [m * np.quantile(mean_squares, q) / chi2.ppf(q, m) for q in _QUANTILES]
+    return np.maximum([mean_squares.mean(), inner.mean(), *bulk], 1e-300)
 
 
 def _agreed(factors: np.ndarray) -> float:

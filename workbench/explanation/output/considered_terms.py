@@ -16,9 +16,9 @@ from workbench.diagnosis.validation.terms import Term
 from workbench.files.considered import Considered, ConsideredModel
 from workbench.jobs.robot.calibrate import Calibration, calibrate
 
-_LEAST = 0.05
+_MIN_PROBABILITY = 0.05
 """Probability below which a refused term is not considered."""
-_MOST = 3
+_MAX_TERMS = 3
 """Terms that are considered at most, the most probable ones: each is a fit of its own."""
 _FOLDS = 2  # of a calibration whose held-out error nobody reads
 
@@ -31,10 +31,10 @@ def considered_terms(
     stages: of the calibration; rows_of: makes the row of a plan of an effect. Raises InputError where the model with
     a term cannot be calibrated.
     """
-    likely = [t for t in refused if t.finding.effects and probability(t) > _LEAST]
+    likely = [t for t in refused if t.finding.effects and probability(t) > _MIN_PROBABILITY]
     likely = sorted(_without_duplicates(likely, calibration), key=probability, reverse=True)
     models, squares = [], 0.0
-    for number, term in enumerate(likely[:_MOST], 1):
+    for number, term in enumerate(likely[:_MAX_TERMS], 1):
         wider = calibrate(
             calibration.recording,
             (*stages, _stage(number, term, stages[-1].loss, rows_of)),

@@ -103,7 +103,7 @@ def write_model(
     robot = load_robot(robot_keys(recording), "recording.toml, key robot")
     stages = corrected_stages(diagnosis, robot)
     folder = Path(folder)
-    without = [
+    omissions = [
         (_NO_LAW if t.finding.effect == "unknown" else _NOT_PREDICTED).format(title=t.title)
         for t in diagnosis.terms
         if not t.finding.effects
@@ -114,12 +114,12 @@ def write_model(
         fitted = calibration.held_out["rms_mm"]
         nominal = calibration.nominal["rms_mm"]
         if len(stages) == 1 and not fitted < nominal:
-            without.append(_NOMINAL.format(fitted=fitted, nominal=nominal))
+            omissions.append(_NOMINAL.format(fitted=fitted, nominal=nominal))
             stages = (replace(base_and_tool(), loss=stages[0].loss),)
             calibration = calibrate(recording, stages, trust_data=trust_data)
     except InputError as problem:
         _write_plan(diagnosis, stages, folder)
-        return ModelFiles(PLAN, left_out=(*without, f"no solution.json: {problem}"))
+        return ModelFiles(PLAN, left_out=(*omissions, f"no solution.json: {problem}"))
     _write_plan(diagnosis, stages, folder)
     keys = solution_keys(calibration) | {"diagnosis_std": estimated_std(diagnosis.terms)}
     keys |= _found_noise(diagnosis, keys["noise_rms_mm"])
@@ -127,7 +127,7 @@ def write_model(
         considered = considered_terms(diagnosis.refused, calibration, stages, _row)
     except InputError as problem:
         considered = None
-        without.append(_NOT_CONSIDERED.format(problem=problem))
+        omissions.append(_NOT_CONSIDERED.format(problem=problem))
     if considered is not None:
         keys["considered"] = considered.as_json()
     (folder / SOLUTION).write_text(json.dumps(keys, indent=1), encoding="utf-8")
@@ -135,7 +135,7 @@ def write_model(
     why = write_scene(corrected_scene(calibration, title), folder)
     missing = (f"no scene.toml: {why}",) if why else ()
     held_out = calibration.held_out["rms_mm"]
-    return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*without, *missing))
+    return ModelFiles(PLAN, SOLUTION, None if why else SCENE, held_out, (*omissions, *missing))
 
 
 def _found_noise(diagnosis: Diagnosis, stated_rms: float | None) -> dict:

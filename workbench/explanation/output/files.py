@@ -10,7 +10,7 @@ from workbench.explanation.result import Diagnosis
 from workbench.files.results import rotation_columns
 
 RESIDUALS = "residuals.csv"
-VISIBLE = "smallest-visible.csv"
+DETECTABLE = "smallest-visible.csv"
 POSES = "next-experiment-poses.csv"
 
 
@@ -19,7 +19,7 @@ def save(diagnosis: Diagnosis, folder: Path) -> None:
     folder = Path(folder)
     if diagnosis.views is not None:
         (folder / RESIDUALS).write_text(_residuals(diagnosis), encoding="utf-8")
-    if diagnosis.visible:
+    if diagnosis.detectable:
         rows = diagnosis.as_json()["smallest_visible"]
         keys = [key for key in rows[0] if key != "twin"]
         lines = [
@@ -27,7 +27,7 @@ def save(diagnosis: Diagnosis, folder: Path) -> None:
             for row in rows
         ]
         columns = [*keys, "twin", "twin_where"]
-        (folder / VISIBLE).write_text(csv_text(columns, lines), encoding="utf-8")
+        (folder / DETECTABLE).write_text(csv_text(columns, lines), encoding="utf-8")
     _experiment(diagnosis, folder)
 
 
@@ -37,8 +37,8 @@ def _residuals(diagnosis: Diagnosis) -> str:
     proof = diagnosis.proof
     unit = diagnosis.unit
     names = [
-        f"{when}_{name}_{unit}"
-        for when in ("before", "after")
+        f"{stage}_{name}_{unit}"
+        for stage in ("before", "after")
         for name in views.names[: len(views.before)]
     ]
     head = [
@@ -68,8 +68,8 @@ def _rotation_columns(diagnosis: Diagnosis) -> dict[str, np.ndarray]:
     if views.rotation is None:
         return {}
     columns = {}
-    for when, residual in zip(("before", "after"), views.rotation):
-        columns |= {f"{when}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
+    for stage, residual in zip(("before", "after"), views.rotation):
+        columns |= {f"{stage}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
     if proof.angles is not None:
         columns |= dict(zip(("held_out_before_deg", "held_out_after_deg"), proof.angles))
     return columns

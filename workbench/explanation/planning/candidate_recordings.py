@@ -19,7 +19,7 @@ _LOAD_SHARE = 0.1
 _LEAST_LOAD_KG = 2.0
 _WARMER_K = 10.0
 _MOVED_RAD = 0.2
-MORE, LOAD, WARM, SIDES = (
+MORE_POSES, LOAD, WARM, SIDES = (
     "more poses",
     "the same poses with more load",
     "the same poses warmer",
@@ -77,8 +77,8 @@ def list_candidates(bench) -> list[CandidateRecording]:
     pool = rng.choice(poses, min(POOL, len(poses)), replace=False)
     rows = np.concatenate([np.flatnonzero(bench.pose == p) for p in pool])
     pose = np.concatenate([np.full((bench.pose == p).sum(), k) for k, p in enumerate(pool)])
-    rows, pose = _once(recording, rows, pose)
-    candidates = [_more(bench, rows, pose, rng)]
+    rows, pose = _first_repeats(recording, rows, pose)
+    candidates = [_more_poses(bench, rows, pose, rng)]
     if bench.chain.robot.mass.any():
         candidates.append(_loaded(bench, rows, pose))
     if "temperature_c" in recording.columns:
@@ -88,7 +88,7 @@ def list_candidates(bench) -> list[CandidateRecording]:
     return candidates
 
 
-def _once(recording, rows, pose):
+def _first_repeats(recording, rows, pose):
     """Of repeats only the first: one row a pose and target."""
     target = recording.ball if recording.measures in _BALLS else recording.reflector
     _, first = np.unique(np.stack([pose, target[rows]]), axis=1, return_index=True)
@@ -136,7 +136,7 @@ def _warmer(recording, rows, pose) -> CandidateRecording:
 
 
 def _both_sides(recording, rows, pose) -> CandidateRecording:
-    twice = np.concatenate([rows, rows])
+    doubled = np.concatenate([rows, rows])
     sides = np.repeat([-1.0, 1.0], len(rows))
     order = np.argsort(np.concatenate([pose, pose]), kind="stable")
     changed = {name: sides[order] for name in recording.columns if Covariate.of(name).is_signed}
@@ -144,15 +144,15 @@ def _both_sides(recording, rows, pose) -> CandidateRecording:
     return CandidateRecording(
         SIDES,
         words,
-        _joined(recording, twice[order], changed),
+        _joined(recording, doubled[order], changed),
         np.sort(np.concatenate([pose, pose])),
         sides[order],
-        recording.sample_ids[twice[order]],
+        recording.sample_ids[doubled[order]],
         {"approach": True},
     )
 
 
-def _more(bench, rows, pose, rng) -> CandidateRecording:
+def _more_poses(bench, rows, pose, rng) -> CandidateRecording:
     """New poses: at random among those measured for a sensor that must see its ball, else in the joints' ranges."""
     recording = bench.recording
     names = [c for c in recording.columns if Covariate.of(c).is_reading]
@@ -170,7 +170,7 @@ def _more(bench, rows, pose, rng) -> CandidateRecording:
     changed = dict(zip(names, np.clip(fresh, low[:, None], high[:, None])))
     joined = _seen(bench, _joined(recording, rows, changed))
     return CandidateRecording(
-        MORE,
+        MORE_POSES,
         "measure {poses} more poses that are selected for it",
         joined,
         pose,
@@ -184,6 +184,6 @@ def _seen(bench, joined):
     model, fit, _ = bench.solve(())
     chain = bind(model.chain.robot, joined, model.chain.start)
     chain = replace(chain, state=with_derived(chain, np.arange(chain.n)))
-    here = Model(chain, bench.baseline)
-    residual = here.residual(here.parameters.take_over(fit.parameters))
+    joined_model = Model(chain, bench.baseline)
+    residual = joined_model.residual(joined_model.parameters.take_over(fit.parameters))
     return replace(joined, columns=dict(joined.columns) | chain.measurement.columns(residual))

@@ -34,7 +34,7 @@ POSES = 30
 _ASKED = 3
 _MOST_EXTRA = 30  # times as many samples as were planned
 _LEAST_GAINED = 0.1  # sigma that a recording has to add to a distance, to be worth measuring
-_LIKELY, _ALIKE = (
+_LIKELY, _SIMILAR = (
     0.05,
     0.9,
 )  # probability, or share of the signature, from which on an alternative is plausible
@@ -45,7 +45,7 @@ REFUSED = (
     "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because "
     "the held-out samples do not show it clearly: more poses, spread over the workspace, decide whether it is there."
 )
-FEW = (
+TOO_FEW_POSES = (
     "Measure more poses, spread over the workspace: from {poses} a law that fits some of them does not carry to the "
     "others."
 )
@@ -96,8 +96,8 @@ def next_experiment(
     physical = [term for term in terms if term.finding.where != NOISE]
     untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
     if all(term.share is not None and not term.remainder for term in physical):
-        few = FEW.format(poses=len(np.unique(bench.pose)))
-        return _without_figures(few if p_first < UNMODELLED_LEVEL else CLEAN, untested)
+        too_few_poses = TOO_FEW_POSES.format(poses=len(np.unique(bench.pose)))
+        return _without_figures(too_few_poses if p_first < UNMODELLED_LEVEL else CLEAN, untested)
     doubtful = [term for term in terms if not term.is_certain or term.finding.effect == "unknown"]
     if not doubtful:
         return _without_figures(EXCEPT if untested and not refused else _nothing(refused), untested)
@@ -116,8 +116,8 @@ def next_experiment(
         return _without_figures(request, untested)
     best, plan = rows[0]
     scene, robot = scene_of(bench, others, pair, plan, len(best["poses"]))
-    parts = (describe_comparison(pair, rows), _missing(doubtful, others=True), untested)
-    sentence = " ".join(filter(None, parts))
+    sentences = (describe_comparison(pair, rows), _missing(doubtful, others=True), untested)
+    sentence = " ".join(filter(None, sentences))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
 
@@ -135,7 +135,7 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
         (alternative.effect, alternative.where, alternative.label)
         for alternative in term.finding.alternatives
     }
-    least = critical_t(bench.sigma)
+    min_t = critical_t(bench.sigma)
     if term.finding.effect != "unknown":
         return ""
     for refused_term in refused:
@@ -143,11 +143,11 @@ def _confirmed(bench, term: Term, refused: Sequence[Term]) -> str:
         t = min(
             value for value in (refused_term.t, refused_term.t_nested, np.inf) if value is not None
         )
-        if (found.effect, found.where, found.label) in keys and 0 < t < least:
+        if (found.effect, found.where, found.label) in keys and 0 < t < min_t:
             poses = len(np.unique(bench.pose))
-            more = poses * min((least / t) ** 2 - 1, _MOST_EXTRA)
+            extra_poses = poses * min((min_t / t) ** 2 - 1, _MOST_EXTRA)
             return CONFIRM.format(
-                name=_called(refused_term), more=max(int(np.ceil(more / 10)) * 10, 10)
+                name=_called(refused_term), more=max(int(np.ceil(extra_poses / 10)) * 10, 10)
             )
     return ""
 
@@ -210,7 +210,7 @@ def missing_of(terms: Sequence[Term]) -> tuple[str, ...]:
             {
                 alternative.missing_covariate
                 for alternative in alternatives
-                if alternative.probability >= _LIKELY or alternative.squared_correlation >= _ALIKE
+                if alternative.probability >= _LIKELY or alternative.squared_correlation >= _SIMILAR
             }
         )
     )
@@ -221,12 +221,12 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
 
     others: whether other recordings, too, would tell.
     """
-    lacking = listed(sorted({covariate(name) for name in missing_of(terms)}))
-    if not lacking:
+    missing_columns = listed(sorted({covariate(name) for name in missing_of(terms)}))
+    if not missing_columns:
         return ""
     if others:
-        return f"Also record {lacking} with every sample: it shows whether the error follows it."
-    return f"Record {lacking} with every sample; without it this is not identifiable."
+        return f"Also record {missing_columns} with every sample: it shows whether the error follows it."
+    return f"Record {missing_columns} with every sample; without it this is not identifiable."
 
 
 def _by_word(term: Term) -> str:
@@ -334,9 +334,9 @@ def _information_gain(
     task = np.zeros((1, 1, rows.shape[2]))
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
     chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
-    more = known + normal_of(blocks[chosen])
+    extended = known + normal_of(blocks[chosen])
     now = _separation(known, size, places_of_term)
-    then = _separation(more, size, places_of_term)
+    then = _separation(extended, size, places_of_term)
     gained = then**2 - now**2
     if not gained > 0:
         return None
@@ -355,10 +355,10 @@ def _information_gain(
 
 def _separation(normal, size, places_of_term) -> float:
     """Sigmas between the finding's signature and all that the other columns can make of it."""
-    rest = np.setdiff1d(np.arange(len(normal)), places_of_term)
-    cross = normal[np.ix_(places_of_term, rest)]
+    other_columns = np.setdiff1d(np.arange(len(normal)), places_of_term)
+    cross = normal[np.ix_(places_of_term, other_columns)]
     schur_complement = normal[np.ix_(places_of_term, places_of_term)] - cross @ solve_positive(
-        normal[np.ix_(rest, rest)], cross.T
+        normal[np.ix_(other_columns, other_columns)], cross.T
     )
     return float(np.sqrt(max(size[places_of_term] @ schur_complement @ size[places_of_term], 0.0)))
 
@@ -383,8 +383,8 @@ def _rows(fitted: _Fitted, pair: ConfoundedPair, plan: CandidateRecording):
         )
         + 1e-9
     )
-    mine = np.array([keys.index(key) for key in keys_of_term])
-    return rows.transpose(2, 1, 0), mine, prior, typical[mine]
+    term_columns = np.array([keys.index(key) for key in keys_of_term])
+    return rows.transpose(2, 1, 0), term_columns, prior, typical[term_columns]
 
 
 def _by_pose(rows, pose):

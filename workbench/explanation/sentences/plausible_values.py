@@ -12,7 +12,7 @@ from workbench.diagnosis.levels import CRITICAL_T
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.explanation.sentences.words import length, measured
 
-_FAR = 10.0
+_MAX_SIGMAS = 10.0
 """Standard deviations of its prior beyond which a value is not plausible: they are orders of magnitude."""
 _EXPANSIONS = (LinkThermalGrowth.effect, ArtefactExpansion.effect)
 _TILT_DEG = 10.0
@@ -34,7 +34,7 @@ def implausible_values(
         std = row["std"]
         prior = row.get("prior")
         value_text = measured(value, std, row["unit"])
-        if prior and abs(value) > max(_FAR * prior, CRITICAL_T * std):
+        if prior and abs(value) > max(_MAX_SIGMAS * prior, CRITICAL_T * std):
             expected = measured(prior, None, row["unit"])
             found.append(
                 f"{row['label']} is {value_text}, which is not plausible (expected before measuring: 0 ± {expected}): "
@@ -67,8 +67,8 @@ def _is_no_expansion(row: Mapping) -> bool:
     """Whether a coefficient of linear expansion is significantly negative or larger than that of any material."""
     if row.get("effect") not in _EXPANSIONS or row["unit"] != "1/K":
         return False
-    beyond = max(-row["value"], row["value"] - LARGEST_EXPANSION)
-    return beyond > CRITICAL_T * row["std"]
+    excess = max(-row["value"], row["value"] - LARGEST_EXPANSION)
+    return excess > CRITICAL_T * row["std"]
 
 
 def _is_large_tilt(row: Mapping) -> bool:

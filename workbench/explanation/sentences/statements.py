@@ -13,7 +13,7 @@ from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Finding, Found
-from workbench.diagnosis.noise.random_effects import ALONG
+from workbench.diagnosis.noise.random_effects import LAST_MOVE_LABEL
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH
@@ -34,14 +34,14 @@ BY_POSE = (
     "the residual is larger than the scatter of repeats of one pose, without a place or a covariate"
 )
 NOT_LOCATED = "not located: no smooth function of one or two covariates at any place is significant"
-ALIKE = "alike at neighbouring values of "
+NEIGHBOURS = "alike at neighbouring values of "
 LINE_STRUCTURE = "laser line: "
 UNCONFIRMED = "found in the first search, not confirmed by cross-validation"
 _OF_DATA = ("outliers", NoiseLaw.effect, "encoder-quantisation", ReadingLattice.effect)
 _EITHER = "with temperature, or with time where none was recorded"
 _INSTANT = re.compile(r"after (?:row )?(?P<value>\d+(?:\.\d+)?(?:e[+-]?\d+)?)(?P<unit> s)?\b")
 _IN_BRACKETS = re.compile(rf" \({_INSTANT.pattern}\)")
-_MOST = 3  # alternatives that are listed
+_MAX_ALTERNATIVES = 3  # alternatives that are listed
 _CLEAR = 0.95  # probability from which on no alternative is listed
 
 
@@ -56,8 +56,8 @@ def with_sample_numbers(text: str, order: np.ndarray, ids: np.ndarray) -> str:
         later = int(np.searchsorted(order[rank], float(found["value"])))
         if not 0 < later < len(rank):
             return found[0]
-        between = f"between samples {ids[rank[later - 1]]:g} and {ids[rank[later]]:g}"
-        return f"at {found['value']} s, {between}" if found["unit"] else between
+        interval = f"between samples {ids[rank[later - 1]]:g} and {ids[rank[later]]:g}"
+        return f"at {found['value']} s, {interval}" if found["unit"] else interval
 
     return _INSTANT.sub(name, text)
 
@@ -70,14 +70,14 @@ def instants_in_brackets(text: str, order: np.ndarray, ids: np.ndarray) -> str:
 def statement(term: Term, tip: str, unit: str) -> str:
     """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
     found = term.finding
-    sentences = [_what(term, tip, unit), _places(found), _validated(term, unit)]
+    sentences = [_cause(term, tip, unit), _places(found), _validated(term, unit)]
     sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
     # what a refused term may be called instead is of no use
-    sentences.append(_doubt(found) if term.kept else f"Reason: {term.reason}.")
+    sentences.append(_uncertainty(found) if term.kept else f"Reason: {term.reason}.")
     return " ".join(sentence for sentence in sentences if sentence)
 
 
-def _what(term: Term, tip: str, unit: str) -> str:
+def _cause(term: Term, tip: str, unit: str) -> str:
     found = term.finding
     if term.share is not None:
         return _of_structure(term)
@@ -94,7 +94,7 @@ def _what(term: Term, tip: str, unit: str) -> str:
     if found.label == NOT_LOCATED and _unconfirmed(found):
         text = f"The residual contains structure that is not explained ({p_text(found.p_value)}), most likely at"
         return f"{text} {place(found.where)}.{_unconfirmed(found)}"
-    if found.label.startswith(ALIKE):
+    if found.label.startswith(NEIGHBOURS):
         return (
             "The residual is larger than the stated noise and contains structure that no effect of the catalogue "
             f"explains, most likely at {place(found.where)}: it is {found.label} ({p_text(found.p_value)}), which "
@@ -131,10 +131,10 @@ def _places(found: Finding) -> str:
     ]
     if not others:
         return ""
-    every = [place(found.where), *others]
+    all_places = [place(found.where), *others]
     return (
-        f"No pose distinguishes {listed(every)} as its place: a function of {_depends(found)} at one of them is also "
-        "one at the other."
+        f"No pose distinguishes {listed(all_places)} as its place: a function of {_depends(found)} at one of them is "
+        "also one at the other."
     )
 
 
@@ -292,7 +292,7 @@ def _of_data(found: Finding) -> str:
         return f"The readings of {place(found.where)} are rounded, {found.label}."
     if found.effect == "encoder-quantisation":
         return f"The reading of {place(found.where)} is rounded to counts."
-    if found.label == ALONG:
+    if found.label == LAST_MOVE_LABEL:
         return (
             "The joints were read at differing moments before the arm stood still: the residuals point back along the "
             "last moves, by another share of them each time."
@@ -331,7 +331,7 @@ def _validated(term: Term, unit: str) -> str:
     return f"{text}."
 
 
-def _doubt(found: Finding) -> str:
+def _uncertainty(found: Finding) -> str:
     """The probability of a name that is not certain, and those of the most probable other ones."""
     others = [
         alternative
@@ -344,15 +344,17 @@ def _doubt(found: Finding) -> str:
         alternative for alternative in others if alternative.probability >= LISTED_PROBABILITY
     ] or others[:1]
     likely = sorted(likely, key=lambda alternative: -alternative.probability)
-    texts = [_other(alternative) for alternative in likely[:_MOST]]
-    more = len(likely) - _MOST
-    if more > 0:
-        texts.append(f"{more} {'others are' if more > 1 else 'other is'} less probable")
+    texts = [_other(alternative) for alternative in likely[:_MAX_ALTERNATIVES]]
+    unlisted_count = len(likely) - _MAX_ALTERNATIVES
+    if unlisted_count > 0:
+        texts.append(
+            f"{unlisted_count} {'others are' if unlisted_count > 1 else 'other is'} less probable"
+        )
     if likely[0].probability - found.probability > LISTED_PROBABILITY:
-        instead = (
+        own_probability = (
             f"this effect, which the model contains, has a probability {_of_probability(found)}"
         )
-        texts = [texts[0], instead, *texts[1:]]
+        texts = [texts[0], own_probability, *texts[1:]]
         return f"In these poses another cause is more probable: {'; '.join(texts)}."
     return (
         f"In these poses the name is not certain. This effect has a probability {_of_probability(found)}; "
@@ -381,7 +383,7 @@ def _probability(finding) -> str:
 
 def first_terms(terms: Sequence[Hypothesis]) -> str:
     """The first terms of a search, long before it ends."""
-    names = dict.fromkeys(f"{one.effect} at {place(one.where)}" for one in terms)
+    names = dict.fromkeys(f"{term.effect} at {place(term.where)}" for term in terms)
     return f"First terms of the search, still refined: {listed(list(names))}."
 
 

@@ -68,7 +68,7 @@ _NAMES = {
     "ball": "which ball it is",
     "reflector": "which reflector it is",
 }
-_MOST = 3
+_MAX_FIGURES = 3
 _COEFFICIENTS = (
     12  # parameters of a law from which on single ones say nothing: those of a polynomial
 )
@@ -93,10 +93,10 @@ def covariate(name: str) -> str:
     known = Covariate.of(name)
     if known.place is None or known.place.number is None:
         return name.replace("_", " ")
-    at = f"{known.place.kind} {known.place.number}"
+    element = f"{known.place.kind} {known.place.number}"
     if known.kind == "moment":
-        return f"the bending moment of {at} about {known.component}"
-    return _KINDS[known.kind].format(at) if known.kind in _KINDS else name.replace("_", " ")
+        return f"the bending moment of {element} about {known.component}"
+    return _KINDS[known.kind].format(element) if known.kind in _KINDS else name.replace("_", " ")
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -144,11 +144,11 @@ def _placed(text: str, where: str) -> str:
         return text
     kind = known.kind
     number = known.number
-    there = f"{kind} {number}"
+    element = f"{kind} {number}"
     text = re.sub(
-        rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", there, text, flags=re.IGNORECASE
+        rf"\b(?:the {kind}|an? {kind}|this {kind}|{kind} K)\b", element, text, flags=re.IGNORECASE
     )
-    text = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", there, text)
+    text = re.sub(rf"\b{kind.capitalize()} {number}\b|\b{kind} {number}\b", element, text)
     return text[0].upper() + text[1:]
 
 
@@ -213,11 +213,11 @@ def figures(rows: Sequence[Mapping]) -> str:
     has_deflection = any(row["name"] == DEFLECTION for row in rows)
     vague = [row for row in rows if row not in masses and not row.get("identifiable", True)]
     rows = [row for row in rows if row not in masses and row not in vague]
-    parts = list(_waves(rows)) or [
+    named_rows = list(_waves(rows)) or [
         (_name(row), row)
         for row in sorted(rows, key=lambda row: (not row.get("derived"), -_surety(row)))
     ]
-    text = _listed_figures(parts)
+    text = _listed_figures(named_rows)
     if vague:
         combined = f"{listed([row['name'] for row in vague])} identifiable only in combination"
         text = f"{text} ({combined})" if text else combined
@@ -236,20 +236,21 @@ def _drop_shares_of_deflection(rows: Sequence[Mapping]) -> list[Mapping]:
     return [row for row in rows if row.get("derived") or row["unit"] not in units]
 
 
-def _listed_figures(parts: Sequence[tuple[str, Mapping]]) -> str:
+def _listed_figures(named_rows: Sequence[tuple[str, Mapping]]) -> str:
     """Values of named parameters; of many only significant ones, since others say nothing each by itself."""
-    shown = parts
-    if len(parts) > _COEFFICIENTS:
-        return f"{len(parts)} coefficients"
-    if len(parts) > _MOST:
-        shown = [(name, row) for name, row in parts if _surety(row) >= CRITICAL_T]
+    shown = named_rows
+    if len(named_rows) > _COEFFICIENTS:
+        return f"{len(named_rows)} coefficients"
+    if len(named_rows) > _MAX_FIGURES:
+        shown = [(name, row) for name, row in named_rows if _surety(row) >= CRITICAL_T]
         if not shown:
-            return f"{len(parts)} parameters of which only combinations are identifiable"
+            return f"{len(named_rows)} parameters of which only combinations are identifiable"
     texts = [
-        f"{name} {measured(row['value'], row['std'], row['unit'])}" for name, row in shown[:_MOST]
+        f"{name} {measured(row['value'], row['std'], row['unit'])}"
+        for name, row in shown[:_MAX_FIGURES]
     ]
-    more = len(parts) - len(texts)
-    return ", ".join(texts) + (f" and {more} more" if more else "")
+    unlisted_count = len(named_rows) - len(texts)
+    return ", ".join(texts) + (f" and {unlisted_count} more" if unlisted_count else "")
 
 
 def _spectrum(row: Mapping, harmonics: Sequence[Mapping] = ()) -> str:

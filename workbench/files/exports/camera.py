@@ -107,7 +107,7 @@ def _from_opencv(keys) -> Camera:
     return _camera(keys, size, bool(keys.get("fisheye_model")))
 
 
-def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
+def with_supported_distortion(camera: Camera, name: str) -> tuple[Camera, float]:
     """The camera as the format `name` can hold it, and px by which it is off the given one, at most in the image.
 
     Kalibr's radtan model has no third radial coefficient: the nearest camera without one stands in for
@@ -128,19 +128,19 @@ def as_held(camera: Camera, name: str) -> tuple[Camera, float]:
         rows = found.project_rows(points)[2][:8].reshape(8, -1)
         step = least_squares(rows.T, (pixels[:, seen] - found.project(points)).ravel())
         found = Camera.of([*found.values[:8] + step, 0], camera.size)
-    off = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
-    if not (off < _MOST_PX and seen.all()):
+    deviation = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
+    if not (deviation < _MOST_PX and seen.all()):
         raise InputError(
             f"export to Kalibr: expected a camera that its radtan model (k1, k2, p1, p2) follows to "
-            f"{_MOST_PX} px, found one that it misses by {off:.2g} px; export to ROS or OpenCV instead"
+            f"{_MOST_PX} px, found one that it misses by {deviation:.2g} px; export to ROS or OpenCV instead"
         )
-    return found, off
+    return found, deviation
 
 
 def _kalibr(camera: Camera) -> str:
-    """Kalibr's camchain: radial-tangential distortion has four coefficients, see `as_held`."""
-    more = () if camera.is_fisheye else camera.distortion[4:]
-    if any(more):
+    """Kalibr's camchain: radial-tangential distortion has four coefficients, see `with_supported_distortion`."""
+    higher_order = () if camera.is_fisheye else camera.distortion[4:]
+    if any(higher_order):
         raise InputError(
             "export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "
             "which its radtan model does not have; export to ROS or OpenCV instead"
@@ -161,8 +161,8 @@ def _kalibr(camera: Camera) -> str:
 
 def _from_kalibr(keys) -> Camera:
     camera = keys["cam0"]
-    more = () if camera["distortion_model"] == "equidistant" else (0.0,)
-    values = np.array([*camera["intrinsics"], *camera["distortion_coeffs"], *more])
+    higher_order = () if camera["distortion_model"] == "equidistant" else (0.0,)
+    values = np.array([*camera["intrinsics"], *camera["distortion_coeffs"], *higher_order])
     return Camera.of(values, camera["resolution"])
 
 

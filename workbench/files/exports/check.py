@@ -45,19 +45,19 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(text, encoding="utf-8")
-        again = load_robot(path)
-    readings = np.random.default_rng(0).uniform(-1, 1, (16, again.joints)) * np.where(
+        reread = load_robot(path)
+    readings = np.random.default_rng(0).uniform(-1, 1, (16, reread.joints)) * np.where(
         arm.robot.prismatic, 100, 1
     )
     # joints that are coupled stand in the URDF as angles of their own
     variables = readings if is_coupled(arm.robot) else readings @ arm.robot.mixing.T
     expected_poses = _flanges(arm.robot, variables, calibrated_geometry(arm))
-    if np.abs(_flanges(again, readings @ again.mixing.T) - expected_poses).max() > _SAME_MM:
+    if np.abs(_flanges(reread, readings @ reread.mixing.T) - expected_poses).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")
-    _check_limits(arm, again)
+    _check_limits(arm, reread)
 
 
-def _check_limits(arm: CalibratedArm, again) -> None:
+def _check_limits(arm: CalibratedArm, reread) -> None:
     """RuntimeError where a recorded reading within the robot's limits exceeds the limits of the URDF read back.
 
     Only ranges of the readings are known, so that all their corners are checked.
@@ -74,7 +74,7 @@ def _check_limits(arm: CalibratedArm, again) -> None:
     forms = arm.robot.mixing * joint_signs(arm.robot)[:, None]
     lowest = np.maximum(forms, 0) @ low + np.minimum(forms, 0) @ high
     highest = np.maximum(forms, 0) @ high + np.minimum(forms, 0) @ low
-    is_outside = (lowest < again.limits[:, 0] - _SAME) | (highest > again.limits[:, 1] + _SAME)
+    is_outside = (lowest < reread.limits[:, 0] - _SAME) | (highest > reread.limits[:, 1] + _SAME)
     if is_outside.any():
         raise _Differs(f"recorded readings exceed the limits of joint {is_outside.argmax() + 1}")
 
@@ -130,9 +130,9 @@ def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bo
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_bytes(content)
-        again = load_robot({**spec, "urdf": str(path)})
-    readings = np.random.default_rng(0).uniform(-1, 1, (16, again.mixing.shape[1]))
-    found = _flanges(again, readings @ again.mixing.T)
+        reread = load_robot({**spec, "urdf": str(path)})
+    readings = np.random.default_rng(0).uniform(-1, 1, (16, reread.mixing.shape[1]))
+    found = _flanges(reread, readings @ reread.mixing.T)
     expected_poses = _flanges(arm.robot, readings @ arm.robot.mixing.T, calibrated_geometry(arm))
     if not exact:
         found, expected_poses = (part @ np.linalg.inv(part[0]) for part in (found, expected_poses))
@@ -146,8 +146,8 @@ def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bo
 def check_program(program: Program, text: str, language: str) -> None:
     """RuntimeError where the text does not hold the readings of the program."""
     readings = program.readings
-    again = read_program(text, language, program.slides)
-    if again.shape != readings.shape or np.abs(again - readings).max(initial=0) > _SAME:
+    reread = read_program(text, language, program.slides)
+    if reread.shape != readings.shape or np.abs(reread - readings).max(initial=0) > _SAME:
         raise _Differs(f"the {language} program read back has other targets")
 
 
@@ -174,11 +174,11 @@ def check_patched_program(
             if half.suffix.lower() in (".src", ".dat") and half != path:
                 shutil.copyfile(half, copy.with_name(half.name))
         copy.write_bytes(content)
-        again = read_programme(copy, arm.robot, mapping)
+        reread = read_programme(copy, arm.robot, mapping)
     expected_poses = _flanges(arm.robot, readings @ arm.robot.mixing.T)
-    found = again.poses
+    found = reread.poses
     if found is None:
-        found = _flanges(arm.robot, again.readings @ arm.robot.mixing.T)
+        found = _flanges(arm.robot, reread.readings @ arm.robot.mixing.T)
     allowed = _FANUC_MM if path.suffix.lower() == ".ls" else _PROGRAM_MM
     if (
         found.shape != expected_poses.shape
@@ -191,8 +191,8 @@ def check_ur_kinematics(arm: CalibratedArm, text: str) -> None:
     """RuntimeError where the file does not give the places of the joints back."""
     from workbench.files.exports.ur_kinematics import joint_places, read_ur_kinematics
 
-    for again, place in zip(read_ur_kinematics(text), joint_places(arm)):
-        if np.abs(again - place).max() > _SAME_MM:
+    for reread, place in zip(read_ur_kinematics(text), joint_places(arm)):
+        if np.abs(reread - place).max() > _SAME_MM:
             raise _Differs("the kinematics file read back is another arm")
 
 
@@ -203,9 +203,9 @@ def _flanges(robot, variables, geometry=None):
 
 def check_camera(camera: Camera, text: str, name: str) -> None:
     """RuntimeError where the file does not give the camera back."""
-    again = read_camera_text(text, name)
+    reread = read_camera_text(text, name)
     size = len(camera.values)
-    if again.size != camera.size or np.abs(again.values[:size] - camera.values).max() > _SAME:
+    if reread.size != camera.size or np.abs(reread.values[:size] - camera.values).max() > _SAME:
         raise _Differs(f"the {name} file read back is another camera")
 
 
@@ -213,15 +213,15 @@ def check_static_transform(
     hand_eye_transform: StaticTransform, transform: str, launch: str
 ) -> None:
     """RuntimeError where one of the two files of a hand-eye transform does not give it back."""
-    for name, again in (
+    for name, reread in (
         ("transform", read_transform_yaml(transform)),
         ("launch", read_launch_yaml(launch)),
     ):
-        is_same = (again.parent, again.child) == (
+        is_same = (reread.parent, reread.child) == (
             hand_eye_transform.parent,
             hand_eye_transform.child,
         )
-        if not is_same or np.abs(again.matrix - hand_eye_transform.matrix).max() > _SAME_MM:
+        if not is_same or np.abs(reread.matrix - hand_eye_transform.matrix).max() > _SAME_MM:
             raise _Differs(f"the {name} file read back is another transform")
 
 

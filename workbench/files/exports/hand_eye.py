@@ -26,12 +26,12 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class CalibratedHandEye:
-    """`matrix` (4, 4) mm takes sensor coordinates to those of `parent` ("flange" or "base"); `doubt` says in part of a
-    sentence why it should not be used, "" where nothing speaks against it."""
+    """`matrix` (4, 4) mm takes sensor coordinates to those of `parent` ("flange" or "base"); `suspicion` says in part
+    of a sentence why it should not be used, "" where nothing speaks against it."""
 
     matrix: np.ndarray
     parent: str
-    doubt: str = ""
+    suspicion: str = ""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def read_hand_eye(path: Path) -> CalibratedHandEye:
             "name the file that `workbench handeye` wrote"
         )
     matrix = _matrix_of(keys, path)
-    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _doubt(keys, path))
+    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _suspicion(keys, path))
 
 
 def _matrix_of(keys, path) -> np.ndarray:
@@ -90,7 +90,7 @@ def _matrix_of(keys, path) -> np.ndarray:
     return matrix
 
 
-def _doubt(keys, path) -> str:
+def _suspicion(keys, path) -> str:
     lists = {key: keys.get(key, []) for key in ("suspicions", "std_mm", "std_deg", "undetermined")}
     for key, value in lists.items():
         if not isinstance(value, list):
@@ -108,11 +108,11 @@ def _doubt(keys, path) -> str:
 
 def checked_hand_eye(found: CalibratedHandEye, path, force: bool) -> CalibratedHandEye:
     """The transform, where it may be used; InputError where it may not and nobody forces it."""
-    if force or not found.doubt:
+    if force or not found.suspicion:
         return found
     raise InputError(
-        f"{path}: expected a hand-eye transform that can be relied on, found that {found.doubt}; record more poses and "
-        "calibrate again, or add --force"
+        f"{path}: expected a hand-eye transform that can be relied on, found that {found.suspicion}; record more poses "
+        "and calibrate again, or add --force"
     )
 
 

@@ -73,13 +73,13 @@ def mjcf(arm: CalibratedArm) -> str:
     parent = _pedestal(world, found.pedestal, arm.robot.base)
     servos = ET.Element("actuator")
     before, after = around_joints(arm)
-    here = np.eye(4) if any(found.pedestal) else arm.robot.base
+    frame = np.eye(4) if any(found.pedestal) else arm.robot.base
     onward = [*before[1:], arm.robot.flange]
     for k in range(arm.robot.joints):
         tip = (after[k] @ onward[k])[:3, 3]
-        parent, here = _link(parent, here @ before[k], (k, tip), arm, found, after[k])
+        parent, frame = _link(parent, frame @ before[k], (k, tip), arm, found, after[k])
         _servo(servos, arm.robot, k, _stiffness(arm.robot, k, found))
-    _flange(parent, here @ arm.robot.flange, arm)
+    _flange(parent, frame @ arm.robot.flange, arm)
     root.append(servos)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -151,9 +151,9 @@ def _of_kind(arm: CalibratedArm, kind: type[Effect]) -> list:
 def gravity_of(arm: CalibratedArm) -> np.ndarray:
     """(3,) m/s^2 in the root frame, with the calibrated tilt of the mount."""
     direction = arm.robot.gravity.copy()
-    across = np.linalg.svd(arm.robot.gravity[None])[2][1:]
+    transverse = np.linalg.svd(arm.robot.gravity[None])[2][1:]
     for effect in _of_kind(arm, elastic.MountTilt):
-        direction += _values(arm, effect, "tilt_1", "tilt_2") @ across
+        direction += _values(arm, effect, "tilt_1", "tilt_2") @ transverse
     return STANDARD_GRAVITY * direction
 
 
@@ -229,14 +229,14 @@ def _pedestal(world, compliance, base) -> ET.Element:
     return body
 
 
-def _link(parent, here, link, arm, found: Compliances, after) -> tuple[ET.Element, np.ndarray]:
+def _link(parent, frame, link, arm, found: Compliances, after) -> tuple[ET.Element, np.ndarray]:
     """Body and joint k + 1 below `parent`; also where frame k + 1 is in the innermost body that it made.
 
     link: k and where the link ends (3,) mm, in the frame of the joint.
     """
     (k, tip), masses = link, _masses(arm)
     number = k + 1
-    body = _body(parent, f"link_{number}", here)
+    body = _body(parent, f"link_{number}", frame)
     _joint(body, arm.robot, k, _stiffness(arm.robot, k, found))
     terms = _of_kind(arm, transmission.ConstantTerm)
     constants = [e for e in terms if e.number == number and _is_carried(e, arm)]
@@ -251,7 +251,7 @@ def _link(parent, here, link, arm, found: Compliances, after) -> tuple[ET.Elemen
         pivot = tip / 2
         bend = _translation(pivot)
         body = _body(body, f"link_{number}_bent", bend)
-        for axis, name in zip(_across(pivot), "uv"):
+        for axis, name in zip(_transverse_axes(pivot), "uv"):
             _spring(body, f"link_{number}_{name}", axis, found.link[number])
         _inertial(body, 0.0, np.zeros(3))
         return body, np.linalg.inv(bend) @ after
@@ -259,9 +259,9 @@ def _link(parent, here, link, arm, found: Compliances, after) -> tuple[ET.Elemen
     return body, after
 
 
-def _flange(parent, here, arm: CalibratedArm) -> None:
+def _flange(parent, frame, arm: CalibratedArm) -> None:
     mass, centre = (part[-1] for part in _masses(arm))
-    flange = _body(parent, "flange", here)
+    flange = _body(parent, "flange", frame)
     _inertial(flange, mass, centre)
     ET.SubElement(flange, "site", name="flange")
     # where loads were recorded: fitted first moments are those of the arm and its tool and move no load
@@ -309,12 +309,12 @@ def _spring(body, name: str, axis, compliance: float) -> None:
     ET.SubElement(body, "joint", **keys)
 
 
-def _across(line) -> tuple[np.ndarray, np.ndarray]:
+def _transverse_axes(line) -> tuple[np.ndarray, np.ndarray]:
     """Two unit axes across a line (3,); across the joint's axis, z, where the line has no length."""
     length = np.linalg.norm(line)
-    along = line / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-    first = np.linalg.svd(along[None])[2][1]
-    return first, np.cross(along, first)
+    unit = line / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    first = np.linalg.svd(unit[None])[2][1]
+    return first, np.cross(unit, first)
 
 
 def _screw(offset: float, slides) -> np.ndarray:

@@ -55,11 +55,11 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
     found = _at_rest(text, targets, load)
     if not np.isfinite(found).all():
         raise _Differs("the MJCF file is unstable in MuJoCo")
-    off = np.linalg.norm(found - expected_poses, axis=1)
+    deviations = np.linalg.norm(found - expected_poses, axis=1)
     allowed = _REST_MM + _REST_SHARE * np.linalg.norm(expected_poses - rigid, axis=1)
-    if (off > allowed).any():
+    if (deviations > allowed).any():
         raise _Differs(
-            f"MuJoCo at rest is {off.max():.3g} mm away from the model under {load:g} kg"
+            f"MuJoCo at rest is {deviations.max():.3g} mm away from the model under {load:g} kg"
         )
 
 

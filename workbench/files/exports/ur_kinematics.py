@@ -18,7 +18,7 @@ from workbench.files.solution_file import CalibratedArm
 SEGMENTS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 _TWISTS = np.pi / 2 * np.array([1, 0, 0, 1, -1])
-_WITHIN = 0.1
+_MAX_DEVIATION = 0.1
 
 
 def ur_kinematics_yaml(arm: CalibratedArm) -> str:
@@ -36,10 +36,10 @@ def joint_places(arm: CalibratedArm) -> list[np.ndarray]:
 
     The screw Rz(theta) Tz(d) of a row belongs to the link's own frame; length and twists to the next origin.
     """
-    places, rest = [], arm.robot.base
+    places, remainder = [], arm.robot.base
     for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
-        places.append(rest @ placed("z", theta, (0, 0, d)))
-        rest = placed("x", 0.0, (a, 0, 0)) @ placed("xy", [alpha, beta])
+        places.append(remainder @ placed("z", theta, (0, 0, d)))
+        remainder = placed("x", 0.0, (a, 0, 0)) @ placed("xy", [alpha, beta])
     return places
 
 
@@ -48,7 +48,7 @@ def _check_build(arm: CalibratedArm) -> None:
     is_ur = (
         robot.convention == "distal"
         and robot.joints == len(SEGMENTS)
-        and np.allclose(robot.geometry[:5, ALPHA], _TWISTS, atol=_WITHIN)
+        and np.allclose(robot.geometry[:5, ALPHA], _TWISTS, atol=_MAX_DEVIATION)
         and np.array_equal(robot.mixing, np.eye(len(SEGMENTS)))
     )
     if not is_ur:

@@ -34,21 +34,21 @@ def urdf(arm: CalibratedArm) -> str:
     for k, (origin, sign) in enumerate(zip(origins, signs)):
         _joint(root, arm.robot, k, (links[k], links[k + 1]), origin, sign)
     fixed = ET.SubElement(root, "joint", name="flange_joint", type="fixed")
-    _between(fixed, links[-2], links[-1], origins[-1])
+    _joint_element(fixed, links[-2], links[-1], origins[-1])
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def _note(arm):
     out = left_out(arm)
-    more = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
+    omissions = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
     sums = (
         f" In the controller's readings: {coupled_sums(arm.robot)}."
         if is_coupled(arm.robot)
         else ""
     )
     source = "fitted to the complete model, whose" if out else "as calibrated; its"
-    note = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{more}{sums} "
+    note = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{omissions}{sums} "
     return note.replace("--", "-")
 
 
@@ -108,12 +108,12 @@ def around_joints(arm) -> tuple[list[np.ndarray], list[np.ndarray]]:
     for theta, d, a, alpha, beta in calibrated_geometry(arm)[:, [THETA, D, A, ALPHA, BETA]]:
         screw = placed("z", theta, (0, 0, d))
         twist = placed("xy", [alpha, beta])
-        along = placed("x", 0.0, (a, 0, 0))
+        link = placed("x", 0.0, (a, 0, 0))
         if arm.robot.convention == "distal":
             before.append(np.eye(4))
-            after.append(screw @ along @ twist)
+            after.append(screw @ link @ twist)
         else:  # Craig: Ry(beta) Rx(alpha) Tx(a) stand before the joint
-            before.append(placed("YX", [beta, alpha]) @ along)
+            before.append(placed("YX", [beta, alpha]) @ link)
             after.append(screw)
     return before, after
 
@@ -132,7 +132,7 @@ def _joint(root, robot, k, links, origin, sign):
     bounded = np.isfinite([low, high]).all()
     kind = "prismatic" if slides else "revolute" if bounded else "continuous"
     joint = ET.SubElement(root, "joint", name=robot.joint_name(k), type=kind)
-    _between(joint, *links, origin)
+    _joint_element(joint, *links, origin)
     ET.SubElement(joint, "axis", xyz=f"0 0 {int(sign)}")
     if np.count_nonzero(robot.mixing[k]) > 1:
         joint.append(ET.Comment(_COUPLED_LIMITS))
@@ -143,7 +143,7 @@ def _joint(root, robot, k, links, origin, sign):
         ET.SubElement(joint, "limit", **limits, effort="0", velocity="0")
 
 
-def _between(joint, parent, child, origin):
+def _joint_element(joint, parent, child, origin):
     place = " ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3)
     rotation = " ".join(
         repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")

@@ -65,9 +65,9 @@ def patched_urdf(arm: CalibratedArm, spec: dict) -> PatchedUrdf:
     changed = [j for j in path if not _is_same(origins[j.name], j.origin)]
     content = _with_origins(content, {j.name: (j.origin, origins[j.name]) for j in changed})
     titles = tuple(effect.title for effect in arm.effects)
-    rest = _rest_at_flange(tree, path, moving, moves)
+    flange_changes = _rest_at_flange(tree, path, moving, moves)
     names = tuple(joint.name for joint in changed)
-    return PatchedUrdf(content, names, (*titles, *rest), not rest)
+    return PatchedUrdf(content, names, (*titles, *flange_changes), not flange_changes)
 
 
 def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
@@ -90,12 +90,12 @@ def _described_arm(arm: CalibratedArm, spec: dict, file: Path) -> np.ndarray:
         calibrated_poses @ np.linalg.inv(calibrated_poses[0]),
     )
     right = np.linalg.inv(remainder @ calibrated_poses[0]) @ described_poses[0]
-    off = np.abs(described_poses - remainder @ calibrated_poses @ right)[:, :3, 3].max()
-    if not off < _SAME_ARM_MM:
+    deviation = np.abs(described_poses - remainder @ calibrated_poses @ right)[:, :3, 3].max()
+    if not deviation < _SAME_ARM_MM:
         raise wrong(
             file,
             f"the nominal kinematics of {arm.robot.name}",
-            f"flange poses that differ by up to {off:.3g} mm",
+            f"flange poses that differ by up to {deviation:.3g} mm",
             "name the URDF of this arm, with the same zero pose",
         )
     return remainder
@@ -122,8 +122,8 @@ def _moves(arm: CalibratedArm, remainder: np.ndarray) -> list[np.ndarray]:
     """J + 1 motions (4, 4) in the URDF root frame that take nominal links and flange to their calibrated places."""
     nominal = _links(arm, arm.robot.geometry)
     calibrated = _links(arm, calibrated_geometry(arm))
-    back = np.linalg.inv(remainder)
-    return [remainder @ new @ np.linalg.inv(old) @ back for new, old in zip(calibrated, nominal)]
+    inverse = np.linalg.inv(remainder)
+    return [remainder @ new @ np.linalg.inv(old) @ inverse for new, old in zip(calibrated, nominal)]
 
 
 def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
@@ -138,12 +138,12 @@ def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
         arm.robot, (), values, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {}
     )
     before, after = around_joints(arm_without_effects)
-    here, links_placed = arm.robot.base, []
+    frame, links_placed = arm.robot.base, []
     for k in range(arm.robot.joints):
-        here = here @ before[k]
-        links_placed.append(here @ _joint_rotation(geometry[k, 0]))
-        here = here @ after[k]
-    return [*links_placed, here @ arm.robot.flange]
+        frame = frame @ before[k]
+        links_placed.append(frame @ _joint_rotation(geometry[k, 0]))
+        frame = frame @ after[k]
+    return [*links_placed, frame @ arm.robot.flange]
 
 
 def _joint_rotation(theta: float) -> np.ndarray:
@@ -179,11 +179,11 @@ def _rest_at_flange(tree: Tree, path, moving, moves) -> tuple[str, ...]:
     if path[-1] is not moving[-1]:
         return ()
     tip = tree.places[path[-1].child]
-    off = np.linalg.inv(moves[-2] @ tip) @ moves[-1] @ tip
-    if _is_same(off, np.eye(4)):
+    flange_change = np.linalg.inv(moves[-2] @ tip) @ moves[-1] @ tip
+    if _is_same(flange_change, np.eye(4)):
         return ()
-    shift = float(np.linalg.norm(off[:3, 3]))
-    angle = float(np.rad2deg(Rotation.from_matrix(off[:3, :3]).magnitude()))
+    shift = float(np.linalg.norm(flange_change[:3, 3]))
+    angle = float(np.rad2deg(Rotation.from_matrix(flange_change[:3, :3]).magnitude()))
     return (
         f"{shift:.3g} mm and {angle:.3g} deg between the last axis and the flange, since no fixed joint follows it",
     )

@@ -7,7 +7,7 @@ import numpy as np
 from datasets.recording import Recording
 from sensors.ball.matching import match
 
-_ALIKE = 0.05  # radii closer than this share of one another are no name
+_SAME_RADIUS = 0.05  # radii closer than this share of one another are no name
 _NEAR_MM = 1.0  # by which a distance between balls may differ from the certificate's
 
 
@@ -48,7 +48,7 @@ def by_sample(recording: Recording, row: Mapping) -> int | None:
 def by_radius(known: Mapping[int, tuple], radii: Sequence[float]) -> list[int] | None:
     """Numbers of balls no two of which are of one size; None where some are."""
     candidates_by_radius = [
-        [number for number, ball in known.items() if abs(ball[3] - radius) < _ALIKE * ball[3]]
+        [number for number, ball in known.items() if abs(ball[3] - radius) < _SAME_RADIUS * ball[3]]
         for radius in radii
     ]
     is_unique = all(len(names_of_ball) == 1 for names_of_ball in candidates_by_radius) and len(

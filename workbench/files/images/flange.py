@@ -37,12 +37,12 @@ def flange_poses(recording: Recording) -> np.ndarray:
 def rows_of_samples(recording: Recording, samples: Sequence[float]) -> np.ndarray:
     """(k,) row of samples.csv of each sample number (k,). Raises InputError for one that is not there."""
     sample_numbers = np.asarray(samples).astype(int)
-    there = recording.sample_ids
-    missing = sample_numbers[~np.isin(sample_numbers, there)]
+    known_ids = recording.sample_ids
+    missing = sample_numbers[~np.isin(sample_numbers, known_ids)]
     if missing.size:
         raise InputError(
             f"{recording.name}, images.csv, column sample: expected a row of samples.csv, found "
             f"{missing[0]}, which it does not have; correct the number"
         )
-    order = np.argsort(there)
-    return order[np.searchsorted(there, sample_numbers, sorter=order)]
+    order = np.argsort(known_ids)
+    return order[np.searchsorted(known_ids, sample_numbers, sorter=order)]

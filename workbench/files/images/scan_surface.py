@@ -41,8 +41,8 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
         find_balls(points[:, seen], radii, free=True, stripe=steps_of_points) if len(seen) else []
     )
     for number, fit in enumerate(found, start=1):
-        on = seen[fit.reason != ELSEWHERE]
-        outward = points[:, on] - fit.centre[:, None]
-        normals[:, on] = outward / np.linalg.norm(outward, axis=0)
-        ball[on] = number
+        is_on_ball = seen[fit.reason != ELSEWHERE]
+        outward = points[:, is_on_ball] - fit.centre[:, None]
+        normals[:, is_on_ball] = outward / np.linalg.norm(outward, axis=0)
+        ball[is_on_ball] = number
     return normals, ball

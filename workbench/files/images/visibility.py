@@ -10,7 +10,7 @@ from robot_model.system import bind
 from workbench.core.errors import InputError
 from workbench.core.rigid import rotation_matrix
 
-TOO_FAR, OUTSIDE, BELOW, HIDDEN = (
+TOO_FAR, OUTSIDE_FIELD, BEHIND_HORIZON, HIDDEN = (
     "out of the stand-off",
     "outside the field",
     "below the ball's cap",
@@ -36,10 +36,10 @@ class Sight:
                 f"--stand-off {self.stand_off_mm[0]:g} {self.stand_off_mm[1]:g}: expected the nearest and "
                 "the farthest distance in mm, found none in between; correct them"
             )
-        for option, value, most in (("--field", self.field_deg, 90), ("--cap", self.cap_deg, 180)):
-            if value is not None and not 0 < value <= most:
+        for option, value, upper in (("--field", self.field_deg, 90), ("--cap", self.cap_deg, 180)):
+            if value is not None and not 0 < value <= upper:
                 raise InputError(
-                    f"{option} {value:g}: expected an angle above 0 and up to {most} deg; correct it"
+                    f"{option} {value:g}: expected an angle above 0 and up to {upper} deg; correct it"
                 )
         if measures != "ball-centre" and self != EVERYTHING:
             raise InputError(
@@ -65,12 +65,12 @@ def unseen(robot: Robot, recording, link_radius: float, sight: Sight) -> dict[st
     leaning = np.arccos(
         np.clip(-robot.gravity @ sight_line / np.linalg.norm(sight_line, axis=0), -1, 1)
     )
-    near, far = sight.stand_off_mm or (0.0, np.inf)
+    near_limit, far_limit = sight.stand_off_mm or (0.0, np.inf)
     distance = np.linalg.norm(seen, axis=0)
     return {
-        TOO_FAR: (distance < near) | (distance > far),
-        OUTSIDE: off_axis > np.deg2rad(180 if sight.field_deg is None else sight.field_deg),
-        BELOW: leaning > np.deg2rad(180 if sight.cap_deg is None else sight.cap_deg),
+        TOO_FAR: (distance < near_limit) | (distance > far_limit),
+        OUTSIDE_FIELD: off_axis > np.deg2rad(180 if sight.field_deg is None else sight.field_deg),
+        BEHIND_HORIZON: leaning > np.deg2rad(180 if sight.cap_deg is None else sight.cap_deg),
         HIDDEN: hidden,
     }
 

@@ -96,9 +96,9 @@ def _scaled(linear: _Linear) -> tuple[np.ndarray, float]:
         determined = 1 - precision * np.diag(covariance)
         before = precision.copy()
         for g in range(linear.group.max() + 1):
-            mine = linear.group == g
-            scale = (mean[mine] ** 2).sum() / max(determined[mine].sum(), 1e-3)
-            precision[mine] = 1 / np.clip(scale, _LEAST_SCALE**2, _MOST_SCALE**2)
+            is_of_group = linear.group == g
+            scale = (mean[is_of_group] ** 2).sum() / max(determined[is_of_group].sum(), 1e-3)
+            precision[is_of_group] = 1 / np.clip(scale, _LEAST_SCALE**2, _MOST_SCALE**2)
         residual_squares = linear.square - 2 * mean @ linear.right + mean @ linear.gram @ mean
         variance = max(residual_squares, 1e-12 * linear.square) / max(
             linear.count - determined.sum(), 1.0
@@ -142,10 +142,10 @@ def _retained_octaves(linear: _Linear, precision, variance, curves) -> list[int]
             while octaves[k]:
                 fewer = retained.copy()
                 fewer[members[k][octaves[k] - 1]] = False
-                without = _log_evidence(linear, precision, variance, fewer)
-                if now - without > _CLEAR:
+                evidence_without = _log_evidence(linear, precision, variance, fewer)
+                if now - evidence_without > _CLEAR:
                     break
-                retained, now, changed = fewer, without, True
+                retained, now, changed = fewer, evidence_without, True
                 octaves[k] -= 1
     return octaves
 

@@ -44,10 +44,10 @@ def without_terms(
     """
     rows = [row for stage in stages for row in stage.effects]
     names = [term_names(CATALOGUE[effect].effect, place, effect) for effect, place, _ in rows]
-    off = iter(switched_off(names, patterns, where))
+    disabled = iter(switched_off(names, patterns, where))
     remaining_stages = []
     for stage in stages:
-        effects = tuple(row for row in stage.effects if not next(off))
+        effects = tuple(row for row in stage.effects if not next(disabled))
         if effects or not stage.effects:
             remaining_stages.append(replace(stage, effects=effects))
     return tuple(remaining_stages)

@@ -31,10 +31,10 @@ STAGES = {
     DRIFT: "base or instrument drifts during the recording",
 }
 """The stages of the default plan after the geometry, and why each is there; `Effect.stage` names one of them."""
-TOGETHER = ("transmission", "compliance", "bending")
+JOINT_STAGES = ("transmission", "compliance", "bending")
 ARM = "transmission and compliance"
 _ARM_WHY = "gears and encoders have errors, and joints and bearings deflect; few poses do not choose among these"
-"""The stage of all errors of `TOGETHER`."""
+"""The stage of all errors of `JOINT_STAGES`."""
 
 
 def default_plan(chain: RobotChain) -> tuple[Stage, ...]:
@@ -55,11 +55,11 @@ def plan_of_recording(chain: RobotChain) -> tuple[Stage, ...]:
     poses = np.unique(chain.variables.round(4), axis=1).shape[1]
     if poses > FEW_POSES:
         return stages
-    kept = [stage for stage in stages if stage.name not in (*TOGETHER, CURVES, DRIFT)]
-    rows = tuple(row for stage in stages if stage.name in TOGETHER for row in stage.effects)
+    kept = [stage for stage in stages if stage.name not in (*JOINT_STAGES, CURVES, DRIFT)]
+    rows = tuple(row for stage in stages if stage.name in JOINT_STAGES for row in stage.effects)
     if not rows:
         return tuple(kept)
-    after = next(k for k, stage in enumerate(stages) if stage.name in TOGETHER)
+    after = next(k for k, stage in enumerate(stages) if stage.name in JOINT_STAGES)
     return (*kept[:after], Stage(ARM, _ARM_WHY, rows), *kept[after:])
 
 
@@ -68,7 +68,7 @@ def frames_of(parameters) -> tuple[str, ...]:
     return tuple(p for p in FRAMES if any(key.startswith(p[:-1]) for key in parameters.keys))
 
 
-def held(parameters: Parameters, stages: Sequence[Stage]) -> Parameters:
+def with_known_values(parameters: Parameters, stages: Sequence[Stage]) -> Parameters:
     """The parameters with what a plan takes as known set and fixed, all others free; InputError for no such key."""
     parameters = parameters.only(np.ones(len(parameters), bool))
     for pattern, value in (pair for stage in stages for pair in stage.hold):

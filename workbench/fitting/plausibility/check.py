@@ -114,10 +114,10 @@ def _of_drives(robot, recording, fit: Fit) -> list[Suspicion]:
     """Suspicions about the couplings of the robot file that the recording decides."""
     if fit.core > good_scale(robot, recording):
         return []
-    return _judged(coupled_drives, robot, recording, fit)
+    return _suspicions_of(coupled_drives, robot, recording, fit)
 
 
-def _judged(judge, robot, recording, fit: Fit) -> list[Suspicion]:
+def _suspicions_of(judge, robot, recording, fit: Fit) -> list[Suspicion]:
     """Suspicions of one check about a fit; none where the check is not applicable."""
     try:
         found = judge(robot, recording, fit)
@@ -140,9 +140,9 @@ def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
             return found
     found = list(_well_fitting(robot, recording, fit, scale_of_good_fit))
     mistakes = [] if found else small_mistakes(robot, recording, fit)
-    if mistakes or any(one.cause in _OF_GEOMETRY for one in found):
+    if mistakes or any(suspicion.cause in _OF_GEOMETRY for suspicion in found):
         return mistakes or found  # a missing coupling or another robot changes lengths, too
-    return [*found, *_judged(dimension_suspicion, robot, recording, fit)]
+    return [*found, *_suspicions_of(dimension_suspicion, robot, recording, fit)]
 
 
 def _converged(robot, recording, fit: Fit) -> Fit:
@@ -185,8 +185,8 @@ def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Sus
         yield from found or [_outlying(recording, outliers, reason, named)]
     yield from _rounded(robot, recording, fit, named)
     yield from _sigma_too_large(recording, fit)
-    if (far := far_geometry(robot, recording, fit)) is not None:
-        yield far.suspicion(recording)
+    if (distant := far_geometry(robot, recording, fit)) is not None:
+        yield distant.suspicion(recording)
         yield from doubtful_columns(recording, fit, scale_of_good_fit)
 
 
@@ -217,7 +217,7 @@ def _badly_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Su
         return
     unexplained = list(misfit_suspicions(robot, recording, fit, scale_of_good_fit))
     if all(suspicion.cause in _NOT_PROVEN for suspicion in unexplained):
-        of_groups = _judged(_of_groups, robot, recording, fit)
+        of_groups = _suspicions_of(_of_groups, robot, recording, fit)
         if of_groups:
             yield from of_groups
             return
@@ -280,8 +280,12 @@ def _majority_fit(robot, recording, scale_of_good_fit, share: float) -> Fit | No
 
 def _outlying(recording, outliers, reason, named) -> Suspicion:
     rows = outliers.rows
-    off = outliers.mismatch[outliers.rows]
-    size = f"{off.min():.3g} to {off.max():.3g} mm" if len(rows) > 1 else f"{off[0]:.3g} mm"
+    distances = outliers.mismatch[outliers.rows]
+    size = (
+        f"{distances.min():.3g} to {distances.max():.3g} mm"
+        if len(rows) > 1
+        else f"{distances[0]:.3g} mm"
+    )
     are = "are" if len(rows) > 1 else "is"
     samples = named_samples(recording, rows, outliers.mismatch)
     sentence = (

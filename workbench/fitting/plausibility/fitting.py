@@ -32,7 +32,7 @@ LEAST_SCALE = 0.005  # mm: below it nothing depends on the ratio of prior to dat
 _KEPT = 0.9
 MEDIAN_CHI2 = {m: float(chi2.ppf(0.5, m)) for m in range(1, 7)}
 _LEAST_SPARE = 6.0
-_TOGETHER = 256
+_BATCH_SIZE = 256
 """Hypotheses whose scales are found together: some tens of megabytes."""
 FAILURES = (np.linalg.LinAlgError, InputError, ValueError)
 """What a hypothesis about which nothing can be said raises."""
@@ -176,8 +176,8 @@ def nominal_scale(robot, recording) -> float:
 def nominal_scales(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
     """`nominal_scale` of many hypotheses about robot and recording, in less time; inf where it cannot be had."""
     scales: list[float] = []
-    for first in range(0, len(cases), _TOGETHER):
-        scales += _scales_of_some(cases[first : first + _TOGETHER])
+    for first in range(0, len(cases), _BATCH_SIZE):
+        scales += _scales_of_some(cases[first : first + _BATCH_SIZE])
     return scales
 
 

@@ -63,9 +63,11 @@ class LinearisedFit:
         columns = (moved * laws[:, None, :]).reshape(len(laws), -1)
         shared = self.unit[:, None] * (self.baseline @ columns.T)
         right = np.column_stack([shared, self.gradient])
-        both = np.linalg.lstsq(self.matrix, right, rcond=1e-12)[0]
-        whole = columns @ columns.T
-        own = whole - shared.T @ both[:, :-1]
-        if not np.linalg.eigvalsh(own)[0] > _UNDETERMINED * np.trace(whole):
+        solutions = np.linalg.lstsq(self.matrix, right, rcond=1e-12)[0]
+        full_gram = columns @ columns.T
+        reduced_gram = full_gram - shared.T @ solutions[:, :-1]
+        if not np.linalg.eigvalsh(reduced_gram)[0] > _UNDETERMINED * np.trace(full_gram):
             return None
-        return -np.linalg.solve(own, columns @ self.residual - shared.T @ both[:, -1]), own
+        return -np.linalg.solve(
+            reduced_gram, columns @ self.residual - shared.T @ solutions[:, -1]
+        ), reduced_gram

@@ -39,7 +39,7 @@ from workbench.fitting.plausibility.hypotheses.row_corrections import ROWS, row_
 from workbench.fitting.plausibility.sampling import even_rows
 
 _SCREEN_ROWS, _JUDGE_ROWS = 50, 200
-_JUDGED, _PROMISING = 8, 4.0
+_MAX_FITTED, _PROMISING = 8, 4.0
 _BEAM = 5
 _DEEPEST = 3
 SIGN, UNITS = "joint-sign", ("joint-unit", "length-unit")
@@ -97,10 +97,10 @@ def search_singles(robot, recording) -> Search:
     return Search(tuple(judge(robot, recording, screened)), tuple(screened), tuple(singles))
 
 
-def search_further(robot, recording, search: Search, enough: float) -> Search:
+def search_further(robot, recording, search: Search, sufficient_scale: float) -> Search:
     """Beam search: the best candidates with every single correction of other columns, until one fits.
 
-    enough: scale in mm at which a fit is good and no further mistake is searched for.
+    sufficient_scale: scale in mm at which a fit is good and no further mistake is searched for.
     """
     before = search.beam[0].scale if search.beam else np.inf
     seeds = [*_seeds(search.beam), *_of_all_columns(recording, search.singles)]
@@ -110,7 +110,7 @@ def search_further(robot, recording, search: Search, enough: float) -> Search:
         found = _best([*search.explanations, *judge(robot, recording, beam)])
         search = Search(tuple(found), tuple(beam), search.singles)
         if (
-            (found and found[0].fit.scale <= enough)
+            (found and found[0].fit.scale <= sufficient_scale)
             or not beam
             or beam[0].scale > _PROGRESS * before
         ):
@@ -166,7 +166,7 @@ def judge(robot, recording, candidates: list[Candidate]) -> list[Explanation]:
 
 def _promising(candidates: list[Candidate]) -> list[Candidate]:
     """The first few candidates whose scale is not far above the smallest."""
-    return [c for c in candidates[:_JUDGED] if c.scale <= _PROMISING * candidates[0].scale]
+    return [c for c in candidates[:_MAX_FITTED] if c.scale <= _PROMISING * candidates[0].scale]
 
 
 def _best(found):

@@ -62,8 +62,8 @@ def deviation_sentence(recording, fit, limit) -> str | None:
 def far_parameters(fit, limit) -> tuple[str, ...]:
     """At most four geometry parameters more than `limit` prior standard deviations from the robot file, in words."""
     keys = np.array(fit.parameters.keys)[fit.parameters.mask]
-    far = np.flatnonzero(np.abs(fit.deviations) > limit)
-    ordered = far[np.argsort(-np.abs(fit.deviations[far]))][:_SHOWN]
+    deviating = np.flatnonzero(np.abs(fit.deviations) > limit)
+    ordered = deviating[np.argsort(-np.abs(fit.deviations[deviating]))][:_SHOWN]
     return tuple(_deviation(fit.parameters, keys[k]) for k in ordered)
 
 

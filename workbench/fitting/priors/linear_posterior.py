@@ -23,15 +23,15 @@ _ROUNDS = 6  # of the noise and the parameters in turn, which converge within fo
 class LinearFit:
     """A fit, linear about where it ended, of its K free parameters that have a prior, in units of their typical size.
 
-    `rows` (K,): their numbers among all parameters; `precision` (K,): of their priors; `away` (K,): present values,
-    from their null values. `normal` (K, K) and `gradient` (K,): second and first derivative of half the whitened sum of
+    `rows` (K,): their numbers among all parameters; `precision` (K,): of their priors; `deviation` (K,): present values
+    less their null values. `normal` (K, K) and `gradient` (K,): second and first derivative of half the whitened sum of
     squares, with the other free parameters eliminated, of which the data determine `eliminated`. `squares`: present
     sum of `count` squared residuals; `noise`: their present variance.
     """
 
     rows: np.ndarray
     precision: np.ndarray
-    away: np.ndarray
+    deviation: np.ndarray
     normal: np.ndarray
     gradient: np.ndarray
     eliminated: int
@@ -87,7 +87,7 @@ class Posterior:
         self._information = np.maximum(values, 0.0)
         self._basis = vectors * scale[:, None]  # in it the prior is the identity
         self._gradient = self._basis.T @ linear.gradient
-        self._away = vectors.T @ (linear.away / scale)
+        self._away = vectors.T @ (linear.deviation / scale)
 
     def covariance(self, noise: float) -> np.ndarray:
         """(K, K) of the parameters."""
@@ -99,7 +99,7 @@ class Posterior:
 
     def values(self, noise: float) -> np.ndarray:
         """(K,) solution."""
-        return self._linear.away + self._basis @ self._step(noise)
+        return self._linear.deviation + self._basis @ self._step(noise)
 
     def next_noise(self, noise: float) -> float:
         """Variance of the residuals about the solution that the variance `noise` leads to."""

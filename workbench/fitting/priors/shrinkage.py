@@ -22,7 +22,7 @@ _SAME = 0.02
 
 The scale of a family that the data shrink to nothing still changes when its predictions no longer do.
 """
-_LEAST, _MOST = (
+_MIN_SCALE, _MAX_SCALE = (
     1e-3,
     30.0,
 )  # typical sizes: a prior of a family is never tighter, or looser where it has none
@@ -64,13 +64,17 @@ def rescaled(
     present, widest = (
         table.precision[parameters.mask] * size**2 for table in (parameters, model.parameters)
     )
-    precision_of_row = np.where(widest > 0, widest, _MOST**-2)
-    least = np.minimum(precision_of_row, np.where(present > 0, present, precision_of_row))
+    precision_of_row = np.where(widest > 0, widest, _MAX_SCALE**-2)
+    min_precision = np.minimum(precision_of_row, np.where(present > 0, present, precision_of_row))
     has_prior = (present > 0) | (family >= 0)  # the others have no prior, whatever the scales
     reduced, _ = without_free(normal, has_prior)
     precision = present.copy()
     precision[has_prior] = _scaled(
-        reduced, from_null[has_prior], present[has_prior], least[has_prior], family[has_prior]
+        reduced,
+        from_null[has_prior],
+        present[has_prior],
+        min_precision[has_prior],
+        family[has_prior],
     )
     return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
 
@@ -94,10 +98,10 @@ def _renumbered(family: np.ndarray) -> np.ndarray:
     return np.where(family < 0, -1, np.searchsorted(numbers, family))
 
 
-def _scaled(normal, from_null, precision, least, family):
+def _scaled(normal, from_null, precision, min_precision, family):
     """(F,) precisions in which those of each family agree and the evidence is largest; the others' stay.
 
-    precision: under which `away` solves the normal equations; least (F,): those of the effects' own priors.
+    precision: under which `deviation` solves the normal equations; least (F,): those of the effects' own priors.
     """
     right = normal @ from_null + precision * from_null
     precision = precision.copy()
@@ -106,13 +110,13 @@ def _scaled(normal, from_null, precision, least, family):
         from_null, variances = posterior_of(normal, precision + 1e-9, right)
         before = precision.copy()
         degrees_used = 1 - precision * variances  # share of each number that the data determine
-        for mine in members:
+        for rows in members:
             square = max(
-                (from_null[mine] ** 2).sum() / max(degrees_used[mine].sum(), 1e-3), _LEAST**2
+                (from_null[rows] ** 2).sum() / max(degrees_used[rows].sum(), 1e-3), _MIN_SCALE**2
             )
-            precision[mine] = np.maximum(1 / square, least[mine])
+            precision[rows] = np.maximum(1 / square, min_precision[rows])
         changes = np.abs(np.log(np.maximum(precision, 1e-12) / np.maximum(before, 1e-12)))
-        if all(_is_same(changes[mine], degrees_used[mine]) for mine in members):
+        if all(_is_same(changes[rows], degrees_used[rows]) for rows in members):
             break
     return precision
 

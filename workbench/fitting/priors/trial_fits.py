@@ -60,11 +60,13 @@ def solve_independent(
     free but `root`, the keys that place the root frame.
     """
     fit = solve(model, free, stage.loss, stage.steps, trial)
-    every = trial.parameters
-    if _cost(model, fit, every.mask) <= _SAME_FIT * _cost(model, trial, every.mask):
+    all_parameters = trial.parameters
+    if _cost(model, fit, all_parameters.mask) <= _SAME_FIT * _cost(
+        model, trial, all_parameters.mask
+    ):
         return fit
-    without_root = every.fix(*root) if root else every
-    values = np.where(without_root.mask, every.values, free.values)
+    without_root = all_parameters.fix(*root) if root else all_parameters
+    values = np.where(without_root.mask, all_parameters.values, free.values)
     return solve(model, replace(without_root, values=values), stage.loss, stage.steps, trial)
 
 

@@ -56,9 +56,9 @@ def widened(model: Model, fit: Fit) -> Parameters:
     if len(effects) > 1:  # where none by itself explains enough, all of them together may
         groups.append(np.concatenate(effects))
     wider = linear.precision
-    every = np.concatenate(_rows_of_effects(model, linear))
+    all_rows = np.concatenate(_rows_of_effects(model, linear))
     for rows in groups:
-        wider = _widest_worthwhile(posteriors, wider, rows, np.sort(every))
+        wider = _widest_worthwhile(posteriors, wider, rows, np.sort(all_rows))
     if wider is linear.precision:
         return parameters
     table = list(parameters.table)
@@ -74,7 +74,7 @@ class _Posteriors:
     def __init__(self, linear: LinearFit):
         self.linear, self._known = linear, {}
 
-    def under(self, precision: np.ndarray) -> Posterior:
+    def posterior_with(self, precision: np.ndarray) -> Posterior:
         key = precision.tobytes()
         if key not in self._known:
             self._known[key] = Posterior(self.linear, precision)
@@ -90,27 +90,27 @@ def _in_conflict(
     improbable under the prior predictive distribution.
     """
     linear = posteriors.linear
-    every = _rows_of_effects(model, linear)
-    variances = posteriors.under(linear.precision).variances(linear.noise)
+    rows_of_effects = _rows_of_effects(model, linear)
+    variances = posteriors.posterior_with(linear.precision).variances(linear.noise)
     share = linear.precision * variances
-    bias = linear.precision * np.abs(linear.away) * np.sqrt(variances)
+    bias = linear.precision * np.abs(linear.deviation) * np.sqrt(variances)
     matters = (share > _SHARE) | (bias > _BIAS)
-    every = [rows for rows in every if matters[rows].any()]
-    if not every:
-        return every
-    weak = posteriors.under(_weakened(linear.precision, np.concatenate(every)))
+    rows_of_effects = [rows for rows in rows_of_effects if matters[rows].any()]
+    if not rows_of_effects:
+        return rows_of_effects
+    weak = posteriors.posterior_with(_weakened(linear.precision, np.concatenate(rows_of_effects)))
     noise = weak.next_noise(linear.noise)
     values, covariance = weak.values(noise), weak.covariance(noise)
     prior = 1 / linear.precision
-    return [rows for rows in every if _is_conflict(values, covariance, prior, rows)]
+    return [rows for rows in rows_of_effects if _is_conflict(values, covariance, prior, rows)]
 
 
 def _rows_of_effects(model: Model, linear: LinearFit) -> Sequence[np.ndarray]:
     found = []
     for effect, span in zip(model.effects, model.spans):
-        mine = (linear.rows >= span.start) & (linear.rows < span.stop)
-        if effect.linear and effect.port != NOISE and mine.any():
-            found.append(np.flatnonzero(mine))
+        is_of_effect = (linear.rows >= span.start) & (linear.rows < span.stop)
+        if effect.linear and effect.port != NOISE and is_of_effect.any():
+            found.append(np.flatnonzero(is_of_effect))
     return found
 
 
@@ -134,14 +134,14 @@ def _widest_worthwhile(posteriors: _Posteriors, precision, rows, effects) -> np.
     effects (E,): numbers of the parameters of all linear effects.
     """
     linear, weak = posteriors.linear, _weakened(precision, rows)
-    starts = (linear.noise, posteriors.under(weak).next_noise(linear.noise))
-    present = posteriors.under(precision)
+    starts = (linear.noise, posteriors.posterior_with(weak).next_noise(linear.noise))
+    present = posteriors.posterior_with(precision)
     best = present.evidence(starts) + _WORTHWHILE
     chosen = precision
     for factor in _STEPS:
         trial = precision.copy()
         trial[rows] = np.maximum(trial[rows] / factor**2, weak[rows])
-        posterior = posteriors.under(trial)
+        posterior = posteriors.posterior_with(trial)
         value = posterior.evidence(starts)
         if value > best and not _cancels(linear, effects, present, posterior):
             best, chosen = value, trial
@@ -160,6 +160,6 @@ def _cancels(linear: LinearFit, effects: np.ndarray, before: Posterior, after: P
     of_effects = np.zeros(len(linear.normal), bool)
     of_effects[effects] = True
     normal, _ = without_free(linear.normal, of_effects)
-    together = change @ normal @ change
+    joint = change @ normal @ change
     one_by_one = change**2 @ np.diag(normal)
-    return bool(one_by_one > _CANCELLING * together)
+    return bool(one_by_one > _CANCELLING * joint)

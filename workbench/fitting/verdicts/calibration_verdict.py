@@ -69,9 +69,11 @@ def calibration_verdict(
     held_out: the block of the JSON contract (`rms_mm`, and `rotation_rms_deg` where poses are measured). It fails where
     a tolerance is exceeded, and where the report of the noise raises an alarm.
     """
-    verdicts = [_judged(_position(held_out, report), tolerances, report.advice)]
+    verdicts = [_held_out_verdict(_position(held_out, report), tolerances, report.advice)]
     if "rotation_rms_deg" in held_out or any(tolerance.unit == "deg" for tolerance in tolerances):
-        verdicts.append(_judged(_orientation(held_out, report), tolerances, report.advice))
+        verdicts.append(
+            _held_out_verdict(_orientation(held_out, report), tolerances, report.advice)
+        )
     verdict = combine(verdicts)
     return _failed(verdict) if report.alarms else verdict
 
@@ -129,7 +131,7 @@ def _orientation(held_out: Mapping, report: NoiseReport) -> _Quantity:
     )
 
 
-def _judged(quantity: _Quantity, tolerances: Sequence[Tolerance], advice: str) -> Verdict:
+def _held_out_verdict(quantity: _Quantity, tolerances: Sequence[Tolerance], advice: str) -> Verdict:
     """The verdict on a held-out error: the fit's own test says nothing about poses that the fit did not see."""
     overfitted = _too_few_poses(quantity)
     residual = Residual(

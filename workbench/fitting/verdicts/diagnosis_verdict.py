@@ -46,11 +46,11 @@ class DiagnosisCheck:
 
     def keys(self, answer: Mapping) -> dict:
         """Keys added to the JSON `answer` of the diagnosis: verdict_details, noise and more warnings."""
-        more = self.noise.warnings if self.noise else ()
+        noise_warnings = self.noise.warnings if self.noise else ()
         if any(effect["effect"] in NOISE_LEVELS for effect in answer["effects"]):
-            more = self.noise.alarms if self.noise else ()  # the finding says the rest
+            noise_warnings = self.noise.alarms if self.noise else ()  # the finding says the rest
         noise = {"noise": self.noise.as_json()} if self.noise else {}
-        warnings = [*answer["warnings"], *more]
+        warnings = [*answer["warnings"], *noise_warnings]
         return {"verdict_details": self.verdict.as_json(), **noise, "warnings": warnings}
 
 
@@ -64,15 +64,15 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
         else None
     )
     if any(effect["effect"] in NOISE_LEVELS for effect in answer["effects"]):
-        above = None
+        is_above = None
         expected = Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
     else:
-        above = None if noise is None else noise.is_above
+        is_above = None if noise is None else noise.is_above
         expected = _expected(noise, held_out, unit)
     if expected is not None and held_out[f"noise_{unit}"]:  # repeats may be identical
         grown = held_out[f"expected_{unit}"] / held_out[f"noise_{unit}"]
         expected = replace(expected, expected=expected.value * grown)
-    error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=above)
+    error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=is_above)
     return DiagnosisCheck(judge(error, expected, tolerances, _advice(diagnosis, noise)), noise)
 
 

@@ -44,13 +44,13 @@ def noise_report(calibration) -> NoiseReport:
     degrees = fit.degrees * position.size / fit.residual.size
     stated = None if model.chain.sigma_unknown else model.chain.stated_sigma[:3]
     test = None if stated is None else variance_test(position / stated, degrees)
-    above = test is None or is_above(test)
-    wrong = _outlying(model, fit, stated, above)
+    exceeds = test is None or is_above(test)
+    wrong = _outlying(model, fit, stated, exceeds)
     known = structure(model, fit.parameters, fit.residual, _samples(recording))
-    if above and not known.found:
+    if exceeds and not known.found:
         smooth = smooth_dependence(model, fit.parameters, fit.residual)
         known = smooth if smooth.found else known
-    absorbed = None if known.found or not above else _absorbed(model, fit, _samples(recording))
+    absorbed = None if known.found or not exceeds else _absorbed(model, fit, _samples(recording))
     corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
     found = Findings(
         stated=None if stated is None else float(f"{np.sqrt((stated**2).mean()):.12g}"),
@@ -102,7 +102,7 @@ def _rotation(recording, model: Model, fit: Fit) -> RotationNoise | None:
     return RotationNoise(expected, variance_test(rotation / stated, degrees), rotation_rms)
 
 
-def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) -> np.ndarray:
+def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, exceeds: bool) -> np.ndarray:
     """(n,) True for samples that do not agree with the others (iterated data snooping).
 
     Least squares spreads faulty samples over all residuals (masking). The set of faulty samples therefore starts from
@@ -110,7 +110,7 @@ def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) ->
     """
     nobody = np.zeros(fit.residual.shape[1], bool)
     wrong = _tested(model, fit, stated, nobody)
-    if not wrong.any() and not above:
+    if not wrong.any() and not exceeds:
         return nobody
     robust = solve(_with_scale(model, 0.0), fit.parameters, "cauchy")
     white = robust.residual[:3] / model.chain.sigma[:3]
@@ -121,9 +121,9 @@ def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, above: bool) ->
         if wrong.mean() > _MOST_OUTLYING:
             return nobody
         scale = robust_sigma((white[:, ~wrong] ** 2).sum(0), len(white))
-        rest = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
+        fit_without = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
         before = wrong
-        wrong = _tested(_with_scale(model, scale), rest, stated, wrong)
+        wrong = _tested(_with_scale(model, scale), fit_without, stated, wrong)
         if np.array_equal(before, wrong):
             break
     return wrong if wrong.mean() <= _MOST_OUTLYING else nobody

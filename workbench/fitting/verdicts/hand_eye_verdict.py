@@ -133,7 +133,7 @@ def _boards(run, tolerances) -> Verdict:
             ("turn_deg", "deg", "scatter of the estimated target orientation"),
         )
     noise = _noise(run)
-    parts, is_above = [], False
+    verdicts, is_above = [], False
     for key, unit, name in rows:
         residual = Residual(errors[key], unit, f"{label} RMS {name}", degrees)
         known = None if unit not in noise else Noise(noise[unit], FROM_IMAGES)
@@ -141,8 +141,8 @@ def _boards(run, tolerances) -> Verdict:
         if _is_above(part, degrees):
             is_above = True
             part = replace(part, sentence=_above_noise(part))
-        parts.append(part)
-    combined = combine(parts)
+        verdicts.append(part)
+    combined = combine(verdicts)
     return (
         replace(combined, sentence=f"{combined.sentence} {_advice(hand_eye)}")
         if is_above
@@ -247,11 +247,11 @@ def _profiles(hand_eye: HandEye, tolerances) -> Verdict:
     conclusion = verdict.sentence.partition("; ")[0]
     return replace(
         verdict,
-        sentence=f"{conclusion}; the profiles alone leave {hand_eye.noise:.3g} mm. {_rest(hand_eye)}",
+        sentence=f"{conclusion}; the profiles alone leave {hand_eye.noise:.3g} mm. {_excess_cause(hand_eye)}",
     )
 
 
-def _rest(hand_eye: HandEye) -> str:
+def _excess_cause(hand_eye: HandEye) -> str:
     """Cause to which the model attributes the distances beyond the noise of the profiles, and what to do."""
     place, _ = flange_errors(hand_eye.robot_sigma)
     radius = hand_eye.robot_sigma.get("radius_mm", 0.0)

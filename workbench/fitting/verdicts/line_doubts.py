@@ -54,15 +54,20 @@ def line_doubts(calibration, asymmetry: Asymmetry | None = None) -> list[LineDou
     if asymmetry is not None and asymmetry.is_relevant(calibration.scanner.sigma_px):
         found.append(_of_asymmetry(asymmetry))
     if dependence is not None and dependence.is_relevant:
-        about = ("camera", ("line_brightness", "line_width"), dependence.p_value, dependence.rms_px)
+        description = (
+            "camera",
+            ("line_brightness", "line_width"),
+            dependence.p_value,
+            dependence.rms_px,
+        )
         label = "centres of the line are displaced with its brightness and width"
         sentence = f"{DOUBT_WORDS}: {dependence.sentence}"
-        found.append(LineDoubt(label, *about, sentence, Blooming))
+        found.append(LineDoubt(label, *description, sentence, Blooming))
     first = POOR_WORDS if is_mostly_stationary(calibration) else DOUBT_WORDS
     label = "another line stays at one place of the image"
     for line in calibration.lines:
-        about = ("camera", ("u", "v"), 0.0, None)
-        found.append(LineDoubt(label, *about, f"{first}: {line.sentence}"))
+        description = ("camera", ("u", "v"), 0.0, None)
+        found.append(LineDoubt(label, *description, f"{first}: {line.sentence}"))
     return found
 
 
@@ -88,8 +93,8 @@ def _of_rejected(rejected: RejectedPoints) -> LineDoubt:
         label += f" ({rejected.region})"
         sentence += f" ({rejected.region})"
     sentence += ". Look at the laser images there, remove the cause, and take them again"
-    about = (rejected.where, rejected.depends_on, rejected.p_value, None)
-    return LineDoubt(label, *about, sentence, Blooming if rejected.is_bright else None)
+    description = (rejected.where, rejected.depends_on, rejected.p_value, None)
+    return LineDoubt(label, *description, sentence, Blooming if rejected.is_bright else None)
 
 
 def _of_asymmetry(asymmetry: Asymmetry) -> LineDoubt:
@@ -102,5 +107,5 @@ def _of_asymmetry(asymmetry: Asymmetry) -> LineDoubt:
     )
     # two-sided, of a normal distribution
     p_value = float(2 * norm.sf(abs(asymmetry.ambiguity_px) / max(asymmetry.std_px, 1e-300)))
-    about = ("laser", ("line_width",), max(p_value, 1e-300), abs(asymmetry.ambiguity_px))
-    return LineDoubt(label, *about, sentence, GhostLine)
+    description = ("laser", ("line_width",), max(p_value, 1e-300), abs(asymmetry.ambiguity_px))
+    return LineDoubt(label, *description, sentence, GhostLine)

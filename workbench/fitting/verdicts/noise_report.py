@@ -206,12 +206,12 @@ def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | Non
 def report(found: Findings) -> NoiseReport:
     """Compare the estimates of the noise and put the result into words."""
     alarms = _implausible(found)
-    above = found.test is not None and is_above(found.test)
-    cause = _cause(found) if above else _agreement(found)
-    first = [_factor(found), cause] if above else [cause]
+    exceeds = found.test is not None and is_above(found.test)
+    cause = _cause(found) if exceeds else _agreement(found)
+    first = [_factor(found), cause] if exceeds else [cause]
     sentence = " ".join(part for part in first if part)
     statement = _replicates_disagree(found)
-    notices = [sentence] if above or _is_below(found) else []
+    notices = [sentence] if exceeds or _is_below(found) else []
     notices += [
         text for text in (statement, _rotation(found), _outliers(found), _left_out(found)) if text
     ]
@@ -325,21 +325,21 @@ def _next(found: Findings, advice: str) -> str:
 
 
 def _cause_by_replicates(found: Findings) -> str:
-    again = found.replicates
+    replicates = found.replicates
     if _exceeds_replicates(found):
         return (
-            f"Repeated measurements of one pose scatter by {again.sigma:.3g} mm only, so that the rest comes from "
+            f"Repeated measurements of one pose scatter by {replicates.sigma:.3g} mm only, so that the rest comes from "
             f"unmodelled effects{_next(found, '; run `workbench diagnose`')}."
         )
-    return f"Repeated measurements of one pose scatter by as much ({again.sigma:.3g} mm)."
+    return f"Repeated measurements of one pose scatter by as much ({replicates.sigma:.3g} mm)."
 
 
 def _exceeds_replicates(found: Findings) -> bool:
     """F-test of the residual's variance against that of replicates (lack of fit)."""
-    again = found.replicates
-    ratio = found.residual_rms / again.sigma
+    replicates = found.replicates
+    ratio = found.residual_rms / replicates.sigma
     degrees = found.degrees if found.test is None else found.test.degrees
-    return bool(ratio > _RELEVANT and fisher.sf(ratio**2, degrees, again.degrees) < _LEVEL)
+    return bool(ratio > _RELEVANT and fisher.sf(ratio**2, degrees, replicates.degrees) < _LEVEL)
 
 
 def _agreement(found: Findings) -> str:
@@ -373,20 +373,20 @@ def _replicates_disagree(found: Findings) -> str:
     """Stated noise against that of replicates, two-sided."""
     if found.stated is None or found.replicates is None:
         return ""
-    again = found.replicates
+    replicates = found.replicates
     ratio = found.replicates.sigma / found.stated
-    statistic = again.degrees * ratio**2
-    if ratio > _RELEVANT and chi2.sf(statistic, again.degrees) < _LEVEL:
+    statistic = replicates.degrees * ratio**2
+    if ratio > _RELEVANT and chi2.sf(statistic, replicates.degrees) < _LEVEL:
         return (
-            f"Repeated measurements of one pose scatter by {again.sigma:.3g} mm per coordinate, {ratio:.3g} times the "
-            f"stated noise of {found.stated:.3g} mm; the statement leaves out the repeatability of the arm or is too "
-            f"small. State sigma_mm = {again.sigma:.2g}."
+            f"Repeated measurements of one pose scatter by {replicates.sigma:.3g} mm per coordinate, {ratio:.3g} times "
+            f"the stated noise of {found.stated:.3g} mm; the statement leaves out the repeatability of the arm or is "
+            f"too small. State sigma_mm = {replicates.sigma:.2g}."
         )
-    if ratio < _TOO_LARGE and chi2.cdf(statistic, again.degrees) < _LEVEL:
+    if ratio < _TOO_LARGE and chi2.cdf(statistic, replicates.degrees) < _LEVEL:
         return (
-            f"Repeated measurements of one pose scatter by only {again.sigma:.3g} mm per coordinate, {ratio:.2g} times "
-            f"the stated noise of {found.stated:.3g} mm; they are no independent measurements, or the noise is stated "
-            "too large."
+            f"Repeated measurements of one pose scatter by only {replicates.sigma:.3g} mm per coordinate, {ratio:.2g} "
+            f"times the stated noise of {found.stated:.3g} mm; they are no independent measurements, or the noise "
+            "is stated too large."
         )
     return ""
 
@@ -426,5 +426,5 @@ def _counted(numbers) -> str:
 
 
 def _listed(numbers) -> str:
-    more = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
-    return f"number {', '.join(map(str, numbers[:_NAMED]))}{more}"
+    unlisted = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
+    return f"number {', '.join(map(str, numbers[:_NAMED]))}{unlisted}"

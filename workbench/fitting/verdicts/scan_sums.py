@@ -109,8 +109,8 @@ class BallSums:
         line = ball.fit.centre - other.fit.centre
         measured = float(np.linalg.norm(line))
         certified = float(np.linalg.norm(stated))
-        both = ball.fit.covariance[:3, :3] + other.fit.covariance[:3, :3]
-        sigma = float(np.sqrt(line @ both @ line)) / measured
+        covariance = ball.fit.covariance[:3, :3] + other.fit.covariance[:3, :3]
+        sigma = float(np.sqrt(line @ covariance @ line)) / measured
         if abs(measured - certified) > _GROSS * sigma:
             text = (
                 f"scan {name}, balls {ball.number} and {other.number}: {certified:.3f} mm stated, {measured:.3f} mm "

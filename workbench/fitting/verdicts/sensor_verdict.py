@@ -209,28 +209,28 @@ def scanner_warnings(
     calibration, misfit: Misfit | None = None, asymmetry: Asymmetry | None = None
 ) -> list[str]:
     """Why a scanner or its stated uncertainty is not trustworthy, if it is not."""
-    said = camera_warnings(calibration.start)
+    warnings = camera_warnings(calibration.start)
     if _poor_planes(calibration):
         pixels = _pixel_part(calibration)
-        said.append(
+        warnings.append(
             f"{POOR_WORDS}: the laser line lies {pixels.residual:.3g} px from its light plane, "
             f"{pixels.residual_over_noise:.3g} times the noise of its centres; {_advice(misfit)}"
         )
     if is_mostly_wrong(calibration):
         wrong = float(calibration.wrong.mean())
-        said.append(
+        warnings.append(
             f"{POOR_WORDS}: {100 * wrong:.0f} % of the points of the laser line were left out as wrong; take the "
             "images with less light, without reflections, and with the line on the board"
         )
-    is_refused = any(sentence.startswith(POOR_WORDS) for sentence in said)
+    is_refused = any(sentence.startswith(POOR_WORDS) for sentence in warnings)
     if misfit is not None and misfit.is_relevant and not is_refused:
-        said.append(f"{DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
-    return [*said, *line_warnings(calibration, asymmetry)]
+        warnings.append(f"{DOUBT_WORDS}: {misfit.sentence}: {_DIAGNOSE}")
+    return [*warnings, *line_warnings(calibration, asymmetry)]
 
 
 def line_warnings(calibration, asymmetry: Asymmetry | None = None) -> list[str]:
     """Warnings about the laser line itself of a `ScannerCalibration`, which residuals need not show."""
-    return [doubt.sentence for doubt in line_doubts(calibration, asymmetry)]
+    return [suspicion.sentence for suspicion in line_doubts(calibration, asymmetry)]
 
 
 def _focal(calibration) -> list[str]:
@@ -259,20 +259,20 @@ def _blurred(views) -> list[str]:
         else f"{widths[0]:.1f} to {widths[-1]:.1f}"
     )
     names = ", ".join(view.image for view in blurred[:_NAMED_IMAGES])
-    more = ", ..." if len(blurred) > _NAMED_IMAGES else ""
+    ellipsis = ", ..." if len(blurred) > _NAMED_IMAGES else ""
     return [
         f"{len(blurred)} of {len(views)} images are blurred: 1 sigma of their edges is {width} px, a lens in focus has "
-        f"less than 1 px ({names}{more}). Their corners are less precise, and blur that is not symmetric displaces "
+        f"less than 1 px ({names}{ellipsis}). Their corners are less precise, and blur that is not symmetric displaces "
         "them; focus the lens, close the aperture or expose for less time"
     ]
 
 
-def _lines(lines, more: str = "") -> list[str]:
-    """A warning on rows or columns of the board that are displaced; more: what is said of their corners."""
+def _lines(lines, addition: str = "") -> list[str]:
+    """A warning on rows or columns of the board that are displaced; addition: what is said of their corners."""
     if not lines:
         return []
-    said = ", ".join(line.sentence for line in lines)
-    return [f"The board errs: the images show {said}{more}. Measure or replace the board"]
+    sentences = ", ".join(line.sentence for line in lines)
+    return [f"The board errs: the images show {sentences}{addition}. Measure or replace the board"]
 
 
 def _shared(calibration) -> list[str]:
@@ -312,18 +312,18 @@ def scanner_trust(
     return Trust(is_usable, warnings, (misfit.shift_px, tilt))
 
 
-def repeated_warnings(trust: Trust | None, what: str) -> list[str]:
-    """Warnings of a calibration for a result that rests on it; what: "scanner" or "camera"."""
+def repeated_warnings(trust: Trust | None, subject: str) -> list[str]:
+    """Warnings of a calibration for a result that rests on it; subject: "scanner" or "camera"."""
     if trust is None:
         return []
-    return [_repeated(warning, what) for warning in trust.warnings]
+    return [_repeated(warning, subject) for warning in trust.warnings]
 
 
-def _repeated(warning: str, what: str) -> str:
-    for words, said in ((POOR_WORDS, "is refused"), (DOUBT_WORDS, "is doubtful")):
+def _repeated(warning: str, subject: str) -> str:
+    for words, state in ((POOR_WORDS, "is refused"), (DOUBT_WORDS, "is doubtful")):
         if warning.startswith(words):
-            return f"{words}: the calibration of the {what} {said}{warning.removeprefix(words)}"
-    return f"The calibration of the {what} warned: {warning}"
+            return f"{words}: the calibration of the {subject} {state}{warning.removeprefix(words)}"
+    return f"The calibration of the {subject} warned: {warning}"
 
 
 def _is_unusable(calibration) -> bool:
@@ -402,14 +402,14 @@ def _displaced(sums: BallSums) -> list[str]:
     """A warning on stripes that do not lie on their balls."""
     if not sums.doubtful:
         return []
-    few = (
+    untested = (
         f", which have three stripes or more ({sums.untested} with fewer cannot be tested)"
         if sums.untested
         else ""
     )
     return [
-        f"{DOUBT_WORDS}: in {sums.doubtful} of {sums.tested} tested balls{few}, {sums.worst.sentence}: {_DIAGNOSE}, "
-        "and check radius and form of the ball"
+        f"{DOUBT_WORDS}: in {sums.doubtful} of {sums.tested} tested balls{untested}, {sums.worst.sentence}: {_DIAGNOSE}"
+        ", and check radius and form of the ball"
     ]
 
 
@@ -458,9 +458,9 @@ def _least_px(calibration) -> float:
     return min(_POOR_PX, _POOR_SHARE * calibration.camera.size[0])
 
 
-def _is_poor(verdict: Verdict, least: float) -> bool:
+def _is_poor(verdict: Verdict, tolerance: float) -> bool:
     ratio = verdict.residual_over_noise
-    return ratio is not None and ratio > POOR and verdict.residual > least
+    return ratio is not None and ratio > POOR and verdict.residual > tolerance
 
 
 def _rms(values) -> float:

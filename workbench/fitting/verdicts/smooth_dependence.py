@@ -65,8 +65,8 @@ def _ports(model: Model, parameters: Parameters) -> list[np.ndarray]:
     ports = [row[None] for row in joints]
     if chain.poses_per_sample == 1:
         size = joints.shape[1]
-        along = np.eye(min(3, size), size)[..., None]
-        ports.append(np.broadcast_to(along, (len(along), size, joints.shape[2])))
+        directions = np.eye(min(3, size), size)[..., None]
+        ports.append(np.broadcast_to(directions, (len(directions), size, joints.shape[2])))
     return ports
 
 
@@ -82,12 +82,12 @@ def _functions(chain):
     variables = list(_variables(chain))
     for name, cosines in variables:
         yield (name,), cosines
-    for (one, first), (other, second) in combinations(variables, 2):
-        if JOINTS not in (one, other):
+    for (first_name, first_columns), (second_name, second_columns) in combinations(variables, 2):
+        if JOINTS not in (first_name, second_name):
             continue
-        a, b = first[:_PAIR_TERMS], second[:_PAIR_TERMS]
+        a, b = first_columns[:_PAIR_TERMS], second_columns[:_PAIR_TERMS]
         products = (a[:, None] * b[None]).reshape(-1, a.shape[1])
-        yield tuple(dict.fromkeys((one, other))), np.concatenate([a, b, products])
+        yield tuple(dict.fromkeys((first_name, second_name))), np.concatenate([a, b, products])
 
 
 def _variables(chain):

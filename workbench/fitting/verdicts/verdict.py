@@ -195,16 +195,16 @@ def combine(verdicts: Sequence[Verdict]) -> Verdict:
     if len(verdicts) == 1:
         return verdicts[0]
     by_rank = sorted(verdicts, key=lambda verdict: {False: 0, True: 1, None: 2}[verdict.passed])
-    sentence = _said_once([verdict.sentence for verdict in verdicts])
+    sentence = _without_repetition([verdict.sentence for verdict in verdicts])
     return replace(by_rank[0], sentence=sentence, parts=tuple(verdicts))
 
 
-def _said_once(sentences: Sequence[str]) -> str:
+def _without_repetition(sentences: Sequence[str]) -> str:
     """The sentences of several quantities; that the noise is unknown is stated once, at the end."""
-    parts = [sentence.partition(f"; {_UNKNOWN_NOISE}") for sentence in sentences]
-    if sum(bool(clause) for _, clause, _ in parts) < 2:
+    partitions = [sentence.partition(f"; {_UNKNOWN_NOISE}") for sentence in sentences]
+    if sum(bool(clause) for _, clause, _ in partitions) < 2:
         return " ".join(sentences)
-    kept = [f"{head}." if clause else head for head, clause, _ in parts]
+    kept = [f"{head}." if clause else head for head, clause, _ in partitions]
     clause = _UNKNOWN_NOISE[:1].upper() + _UNKNOWN_NOISE[1:]
     return f"{' '.join(kept)} {clause}, so that these values cannot be compared with it."
 
@@ -243,17 +243,17 @@ def _against_noise(
         size = f"{residual.value:.3g} {residual.unit}"
         return f"{_UNKNOWN_NOISE}, so that {size} cannot be compared with it"
     stated = f"the noise of {noise.value:.3g} {residual.unit} ({noise.source})"
-    far = residual.is_significant
-    if far is None:
-        far = is_far_above(ratio, residual.degrees)
+    is_far = residual.is_significant
+    if is_far is None:
+        is_far = is_far_above(ratio, residual.degrees)
     if ratio > _INCREDIBLE and noise.source == STATED:
         return (
             f"it is {ratio:.3g} times {stated}, which therefore cannot be that of this recording, or the model is that "
             "of another arm: correct the unit of the noise first (mm and deg)"
         )
-    if far and ratio < 1:
+    if is_far and ratio < 1:
         return f"it is not larger than {stated}, but it is not random: {advice}"
-    if far:
+    if is_far:
         return f"it is {ratio:.3g} times {stated}: {advice}"
     if ratio < 1 / _RELEVANT:
         return f"it is not larger than {stated}, so that smaller model errors cannot be excluded"

@@ -49,7 +49,7 @@ from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
 from workbench.jobs.robot.stages import (
-    MANY,
+    LARGE_SAMPLES,
     Chosen,
     Step,
     first_step,
@@ -100,7 +100,7 @@ class Calibration:
     provenance: dict
     rotation: Mapping[str, np.ndarray] = field(default_factory=dict)
     fitted: np.ndarray | None = None
-    doubts: tuple[str, ...] = ()
+    suspicions: tuple[str, ...] = ()
     far_geometry: str = ""
 
     @cached_property
@@ -148,31 +148,31 @@ def calibrate(
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, Model(chain).part(split.fit).chain)
-    some = samples_of_some_poses(moving.poses, split.fit, _CHOSEN_ON)
-    chosen = _chosen(Model(chain), split, some, stages, progress)
+    choice_samples = samples_of_some_poses(moving.poses, split.fit, _CHOSEN_ON)
+    chosen = _chosen(Model(chain), split, choice_samples, stages, progress)
     for _ in range(_ROUNDS):
         clean = _without_blunders(chosen.step, split, everyone)
         if np.array_equal(clean.fit, split.fit):
             break
         progress(f"{int((everyone.fit & ~clean.fit).sum())} samples far off are left out and named")
-        is_same = np.array_equal(clean.fit & some, split.fit & some)
+        is_same = np.array_equal(clean.fit & choice_samples, split.fit & choice_samples)
         split = clean
         if is_same:
             chosen = _on_all(chosen, split, stages, progress)
         else:
-            chosen = _chosen(Model(chain), split, some, stages, progress)
+            chosen = _chosen(Model(chain), split, choice_samples, stages, progress)
     _check_degrees_of_freedom(moving.name, chosen)
     calibration = _calibration(checked, chosen, split, progress)
     warnings = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
     return replace(calibration, warnings=(*calibration.warnings, *warnings))
 
 
-def _chosen(model: Model, split: Split, some: np.ndarray, stages, progress) -> Chosen:
-    """The plan's model on the samples of a split; its stages are chosen on `some` of the samples, (n,) bool."""
+def _chosen(model: Model, split: Split, choice_samples: np.ndarray, stages, progress) -> Chosen:
+    """The plan's model on the samples of a split; its stages are chosen on the `choice_samples` (n,) bool."""
     progress("base and tool at the nominal geometry")
-    part = split.only(some)
+    part = split.only(choice_samples)
     chosen = run_stages(first_step(model, part, stages), stages, part, progress)
-    is_part = (split.fit & ~some).any()
+    is_part = (split.fit & ~choice_samples).any()
     return _on_all(chosen, split, stages, progress) if is_part else chosen
 
 
@@ -218,14 +218,14 @@ def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
     more than a twentieth of the samples is no blunder any more, and stays.
     """
     residual = step.model.residual(step.parameters)
-    off = np.zeros(len(everyone.fit), bool)
+    is_blunder = np.zeros(len(everyone.fit), bool)
     for part in (residual[:3], in_rotation(residual)):
         size = np.sqrt((part**2).sum(0))
-        off |= size > _OUTLIER * np.median(size[split.fit]) / _MEDIAN_CHI3
-    off &= everyone.fit
-    if off.sum() > everyone.fit.sum() / 20:
+        is_blunder |= size > _OUTLIER * np.median(size[split.fit]) / _MEDIAN_CHI3
+    is_blunder &= everyone.fit
+    if is_blunder.sum() > everyone.fit.sum() / 20:
         return split
-    return Split(everyone.fit & ~off, np.where(off, -1, everyone.fold), everyone.test)
+    return Split(everyone.fit & ~is_blunder, np.where(is_blunder, -1, everyone.fold), everyone.test)
 
 
 def _check_degrees_of_freedom(name: str, chosen: Chosen) -> None:
@@ -237,31 +237,31 @@ def _check_degrees_of_freedom(name: str, chosen: Chosen) -> None:
     if not chain.sigma_unknown or fit.degrees > 1:
         return
     coordinates, asked = fit.residual.size, chosen.results[0].free if chosen.results else 0
-    least = max(2 * asked, 2 * coordinates) // len(fit.residual)
+    min_coordinates = max(2 * asked, 2 * coordinates) // len(fit.residual)
     raise InputError(
         f"recording '{name}': expected more measured coordinates than combinations of parameters, found "
         f"{coordinates} coordinates for {chosen.step.rank} combinations: the fit is exact whatever the arm does, so "
-        f"that neither noise nor error can be stated; measure about {least} poses, state sigma_mm, or estimate the "
-        "nominal arm's base and tool alone (--plan base-and-tool)"
+        f"that neither noise nor error can be stated; measure about {min_coordinates} poses, state sigma_mm, or "
+        "estimate the nominal arm's base and tool alone (--plan base-and-tool)"
     )
 
 
-def _final_held_out(step: Step, split: Split, progress, what: str) -> HeldOut:
+def _final_held_out(step: Step, split: Split, progress, label: str) -> HeldOut:
     """The error on the named test samples, else that over the folds of all fitted samples.
 
     Test samples judge the model that is saved, without another fit. The folds by which its last stage was judged are
-    not fitted again. what: of the model, for the line of progress.
+    not fitted again. label: of the model, for the line of progress.
     """
     model, start, loss = step.model, step.fit.parameters, step.loss
     if split.test.any():
-        progress(f"error of {what} on the test samples")
+        progress(f"error of {label} on the test samples")
         return predict_test(model, step.parameters, split.test, split.fit, loss)
     if np.array_equal(step.held_out.fold, split.fold):
         return step.held_out
-    progress(f"cross-validation of {what}")
-    if loss == "linear" and (split.fold >= 0).sum() >= MANY:
+    progress(f"cross-validation of {label}")
+    if loss == "linear" and (split.fold >= 0).sum() >= LARGE_SAMPLES:
         return cross_validate_linearised(model, start, split.fold, settle=step.settle)
-    folds = paced(progress, f"cross-validation of {what}, fold")
+    folds = paced(progress, f"cross-validation of {label}, fold")
     return cross_validate(model, start, split.fold, loss, settle=step.settle, tick=folds)
 
 
@@ -289,8 +289,8 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
     rotation = {name: in_rotation(residual) for name, residual in residuals.items()}
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = in_root(step.model, parameters, shown)
-    remaining_doubts = checked.doubts_about(step.model)
-    open_offsets = filter(None, [undetermined_offset_words(parameters, step.held)])
+    remaining_doubts = checked.warnings_about(step.model)
+    open_offsets = filter(None, [undetermined_offset_words(parameters, step.fixed_offsets)])
     return Calibration(
         recording,
         robot,
@@ -319,8 +319,8 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
 
 def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiability:
     """What the data determine of all that any stage freed, also of what was then held, and what Hayati's rows hold."""
-    is_asked = parameters.mask | np.isin(parameters.keys, [*step.tied, *step.held])
-    all_known_parameters = with_offset_priors(parameters, step.held).only(
+    is_asked = parameters.mask | np.isin(parameters.keys, [*step.tied, *step.fixed_offsets])
+    all_known_parameters = with_offset_priors(parameters, step.fixed_offsets).only(
         is_asked & ~step.model.shrunk
     )  # the terms of a series have no sentence of their own
     robot = step.model.chain.robot

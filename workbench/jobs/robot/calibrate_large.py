@@ -72,10 +72,10 @@ class Stream:
         first, known = 0, self.chunks.each
         for part in self.chunks:
             names = part.columns
-            both = {
+            joined_columns = {
                 name: np.concatenate([known.columns[name], part.columns[name]]) for name in names
             }
-            chain = bind(self.robot, replace(part, columns=both), self.start)
+            chain = bind(self.robot, replace(part, columns=joined_columns), self.start)
             chain = chain.at(np.arange(known.n, known.n + part.n))
             columns = slice(first, first + part.n)
             yield columns, Model(replace(chain, sigma=self._widened(chain)), self.effects)
@@ -123,18 +123,18 @@ class Stream:
         size = int(parameters.mask.sum())
         normal = np.zeros((folds, size, size))
         gradient = np.zeros((folds, size))
-        parts = []
+        residuals = []
         for columns, model in self.models():
             residual, rows = model.linearise(parameters)
             rows /= model.chain.sigma
             white = residual / model.chain.sigma
             for k in range(folds):
-                mine = slice(None) if folds == 1 else np.flatnonzero(fold[columns] == k)
-                flat = rows[:, :, mine].reshape(size, -1)
+                fold_samples = slice(None) if folds == 1 else np.flatnonzero(fold[columns] == k)
+                flat = rows[:, :, fold_samples].reshape(size, -1)
                 normal[k] += flat @ flat.T
-                gradient[k] += flat @ white[:, mine].ravel()
-            parts.append(residual)
-        return np.concatenate(parts, 1), (normal, gradient)
+                gradient[k] += flat @ white[:, fold_samples].ravel()
+            residuals.append(residual)
+        return np.concatenate(residuals, 1), (normal, gradient)
 
 
 @dataclass(frozen=True)
@@ -272,17 +272,26 @@ def _held_out(stream: Stream, fit: Fit, fold: np.ndarray, folds: int) -> dict:
     pull = prior * (parameters.pack() - parameters.nulls[parameters.mask])
     moved = []
     for k in range(folds):
-        rest = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(
+        normal_without = (normal.sum(0) - normal[k] + np.diag(prior)) * np.outer(
             scale, scale
         ) + _FLOOR * np.eye(len(scale))
-        step = solve_positive(rest, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
+        step = (
+            solve_positive(normal_without, (gradient.sum(0) - gradient[k] + pull) * scale) * scale
+        )
         moved.append(parameters.unpack(parameters.pack() - step))
-    parts = []
+    residuals = []
     for columns, model in stream.models():
-        mine = fold[columns]
-        rows = [np.flatnonzero(mine == k) for k in range(folds)]
-        parts += [model.at(some).residual(moved[k]) for k, some in enumerate(rows) if some.size]
-    return error_summary(np.concatenate(parts, 1)) | {"folds": folds, "samples": stream.chunks.n}
+        fold_numbers = fold[columns]
+        rows = [np.flatnonzero(fold_numbers == k) for k in range(folds)]
+        residuals += [
+            model.at(samples_of_fold).residual(moved[k])
+            for k, samples_of_fold in enumerate(rows)
+            if samples_of_fold.size
+        ]
+    return error_summary(np.concatenate(residuals, 1)) | {
+        "folds": folds,
+        "samples": stream.chunks.n,
+    }
 
 
 def _nominal(stream: Stream) -> np.ndarray:

@@ -21,7 +21,7 @@ _BLOCKS, _LEAST_BLOCKS = 10, 5
 _EQUAL = 1e-6  # of the squared error: a hundredth of what a converged fit leaves open
 CHOSEN = "not computed: a plan selected its stages on these folds; name --test-samples (in Python test_samples)"
 SAME_FIRST = "the plan that the others are compared with"
-FEW = f"not computed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
+TOO_FEW_BLOCKS = f"not computed: fewer than {_LEAST_BLOCKS} folds or blocks of test poses"
 SAME = "not computed: both predict the same"
 
 
@@ -117,13 +117,13 @@ class Comparison:
             return {"p": None, "test": SAME_FIRST}
         falls = self.falls(k, errors)
         if len(falls) < _LEAST_BLOCKS:
-            return {"p": None, "test": FEW}
+            return {"p": None, "test": TOO_FEW_BLOCKS}
         if not self.tested_apart and (self.choosing[0] or self.choosing[k]):
             return {"p": None, "test": CHOSEN}
         if not falls.any():
             return {"p": None, "test": SAME}
-        over = "blocks of test poses" if self.tested_apart else "folds"
-        return {"p": self._p(falls), "test": f"valid over {len(falls)} {over}"}
+        blocks = "blocks of test poses" if self.tested_apart else "folds"
+        return {"p": self._p(falls), "test": f"valid over {len(falls)} {blocks}"}
 
     def _p(self, falls) -> float:
         count = len(falls)
@@ -154,8 +154,10 @@ class Comparison:
         best = int(squares.argmin())
         verdict = self.verdict(best, tolerances)
         is_equal = len(squares) > 1 and np.allclose(squares, squares[best], rtol=_EQUAL, atol=0)
-        which = "No difference between the plans" if is_equal else f"Best plan, {self.names[best]}"
-        return replace(verdict, sentence=f"{which}: {verdict.sentence}")
+        subject = (
+            "No difference between the plans" if is_equal else f"Best plan, {self.names[best]}"
+        )
+        return replace(verdict, sentence=f"{subject}: {verdict.sentence}")
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench compare`; the verdict is that of the best plan."""
@@ -195,8 +197,10 @@ def compare(
     for name in plans:
         begin(f"plan {name}")
         plan = None if name == DEFAULT else Path(name)
-        say = _prefixed(progress, f"plan {name}")
-        found.append(calibrate(recording, plan, fit_samples, test_samples, folds, say, trust_data))
+        report = _prefixed(progress, f"plan {name}")
+        found.append(
+            calibrate(recording, plan, fit_samples, test_samples, folds, report, trust_data)
+        )
     block = np.where(np.all([c.fold >= 0 for c in found], 0), found[0].fold, -1)
     is_separated = bool(
         len(np.unique(block[block >= 0])) == 1
@@ -218,10 +222,10 @@ def _check(plans):
         raise InputError(
             "--plan names no plan, where at least one is expected; name several, or 'default'."
         )
-    twice = sorted({name for name in plans if list(plans).count(name) > 1})
-    if twice:
+    duplicates = sorted({name for name in plans if list(plans).count(name) > 1})
+    if duplicates:
         raise InputError(
-            f"--plan names {twice[0]} twice, where each plan is expected once; take one of them out."
+            f"--plan names {duplicates[0]} twice, where each plan is expected once; take one of them out."
         )
 
 
@@ -283,9 +287,9 @@ def image(comparison: Comparison):
     figure = Figure(figsize=(11, 4.2 * len(kinds)), facecolor="white", layout="constrained")
     panels = figure.subplots(len(kinds), 2, width_ratios=(1, 1.15), squeeze=False)
     colours = [_COLOURS[k % len(_COLOURS)] for k in range(len(comparison.names))]
-    for (bars, shares), (errors, what, unit, prefix) in zip(panels, kinds):
-        _bars(bars, comparison, colours, (what, unit, prefix))
-        _shares(shares, zip(comparison.names, errors, colours), f"{what}, held out ({unit})")
+    for (bars, shares), (errors, quantity, unit, prefix) in zip(panels, kinds):
+        _bars(bars, comparison, colours, (quantity, unit, prefix))
+        _shares(shares, zip(comparison.names, errors, colours), f"{quantity}, held out ({unit})")
     for axes in panels.ravel():
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
@@ -308,20 +312,21 @@ _COLOURS = ("#8c8c8c", "#1f83c4", "#12957a", "#b8649f", "#d9730d", "#5b5bd6", "#
 
 def _bars(axes, comparison, colours, kind):
     """Held-out RMS of every plan; kind: (what in words, unit, prefix of the keys) of the errors."""
-    what, unit, prefix = kind
+    quantity, unit, prefix = kind
     rows = comparison.rows()
     place = np.arange(len(comparison.names))
     values = [row[f"held_out_{prefix}rms_{unit}"] for row in rows]
     axes.barh(place, values, color=colours, height=0.62)
     fitted = [row[f"fit_{prefix}rms_{unit}"] for row in rows]
     axes.scatter(fitted, place, marker="|", s=220, color="#222222", label="fitted", zorder=3)
-    for row, value, at in zip(rows, values, place):
+    for row, value, y in zip(rows, values, place):
         text = f"{value:.4f}  ({row[f'{prefix}ratio']:.2f})"
-        axes.annotate(text, (value, at), (5, 0), textcoords="offset points", va="center", size=9)
+        axes.annotate(text, (value, y), (5, 0), textcoords="offset points", va="center", size=9)
     names = [f"{row['plan']}\n{row['identifiable']} identified" for row in rows]
     axes.set(yticks=place, yticklabels=names, xlim=(0, 1.3 * max(values)))
     axes.set(
-        xlabel=f"RMS of the {what} ({unit})", title="held out, and its ratio to the first plan's"
+        xlabel=f"RMS of the {quantity} ({unit})",
+        title="held out, and its ratio to the first plan's",
     )
     axes.invert_yaxis()
     axes.legend(frameon=False, loc="lower right")

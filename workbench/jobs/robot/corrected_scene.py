@@ -77,10 +77,10 @@ def write_scene(scene: CorrectedScene, folder: Path) -> str:
     except InputError as problem:
         (path.parent / ROBOT).unlink(missing_ok=True)
         # the run folder has another name in the end
-        what = str(problem).replace(f"scene {path}, ", "")
+        message = str(problem).replace(f"scene {path}, ", "")
         return (
-            f"a trial of {_TRIAL_SAMPLES} simulated samples failed ({what}); simulate with a scene of your own, whose "
-            "targets the arm reaches"
+            f"a trial of {_TRIAL_SAMPLES} simulated samples failed ({message}); simulate with a scene of your own, "
+            "whose targets the arm reaches"
         )
     path.write_text(tomli_w.dumps(dict(scene.keys)), encoding="utf-8")
     return ""

@@ -193,7 +193,7 @@ class Evaluated:
             is_significant=is_significant,
         )
         advice = _MOVED if self._has_moved else _ADVICE
-        parts = [judge(position, noise, tolerances, advice)]
+        verdicts = [judge(position, noise, tolerances, advice)]
         if "rotation_rms_deg" in errors:
             angle = Residual(
                 errors["rotation_rms_deg"] * share,
@@ -201,16 +201,16 @@ class Evaluated:
                 self._statistic("orientation", share),
                 has_noise=False,
             )
-            parts.append(judge(angle, None, tolerances, advice))
-        verdict = combine(parts)
+            verdicts.append(judge(angle, None, tolerances, advice))
+        verdict = combine(verdicts)
         notes = refit_sentences(self.refitted, self.nominal, self._fits_better_elsewhere())
         return replace(verdict, sentence=" ".join((verdict.sentence, *notes)))
 
-    def _statistic(self, what: str, share: float) -> str:
+    def _statistic(self, quantity: str, share: float) -> str:
         """Name of the error that is judged."""
         data = "the fitted recording" if self.is_fitted_data else "a recording that was not fitted"
         enlarged = ", enlarged for the parameters estimated on it" if share > 1 else ""
-        return f"RMS {what} error on {data}{enlarged}"
+        return f"RMS {quantity} error on {data}{enlarged}"
 
     def _expected(self, rms: float) -> tuple[Noise | None, bool | None]:
         """RMS error to expect from noise and calibrated parameters, and whether `rms`, mm, is significantly above it.
@@ -237,8 +237,8 @@ class Evaluated:
         sigma = noise_factor(self.arm, self.recording.sigma) * self.recording.sigma
         variance = float(np.mean(np.square(sigma)))
         parameters = float(np.trace(self.parameter_spread))
-        both = float(np.sum(self.parameter_spread * self.parameter_spread.T))
-        spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + both))
+        squared_spread = float(np.sum(self.parameter_spread * self.parameter_spread.T))
+        spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + squared_spread))
         return degrees * variance + parameters, float(spread)
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
@@ -292,11 +292,11 @@ def evaluate(
     samples = numbered_as(samples_of(recording), arm.keys.get("group_names", {}))
     _check_arm(arm, samples)
     _check_covariates(arm, samples)
-    both = base_and_tool(samples)
-    most = _count(arm, samples, both)
-    nominal = _predicted(replace(arm, values={}), samples, (), both)
-    _check_number(samples, len(nominal[:3]), most)
-    warnings = check_samples(recording, trust_data).doubts
+    refits_both = base_and_tool(samples)
+    max_count = _count(arm, samples, refits_both)
+    nominal = _predicted(replace(arm, values={}), samples, (), refits_both)
+    _check_number(samples, len(nominal[:3]), max_count)
+    warnings = check_samples(recording, trust_data).suspicions
     if not later and (clock_doubt := clock_warning(arm, samples)):
         warnings = (*warnings, clock_doubt)
     recording = replace(samples, warnings=tuple(dict.fromkeys((*samples.warnings, *warnings))))
@@ -309,11 +309,11 @@ def evaluate(
         refit,
         residual,
         nominal,
-        _predicted(arm, samples, arm.effects, both),
-        _outside(arm, samples),
+        _predicted(arm, samples, arm.effects, refits_both),
+        _columns_outside(arm, samples),
         _parameter_spread(arm, samples, free),
         _count(arm, samples, free),
-        most,
+        max_count,
     )
 
 
@@ -347,13 +347,13 @@ def _check_covariates(arm: CalibratedArm, samples: Recording) -> None:
         )
 
 
-def _check_number(samples: Recording, each: int, count: int) -> None:
-    """InputError where so few coordinates, `each` a pose, are measured that base and tool (`count`) fit all."""
+def _check_number(samples: Recording, per_pose: int, count: int) -> None:
+    """InputError where so few coordinates, `per_pose` a pose, are measured that base and tool (`count`) fit all."""
     poses = len(np.unique(samples.poses))
-    if each * poses <= count:
+    if per_pose * poses <= count:
         raise InputError(
-            f"recording '{samples.name}': expected at least {count // each + 1} poses, found {poses}: base and tool "
-            f"have {count} parameters, so that fewer fit any arm; measure more."
+            f"recording '{samples.name}': expected at least {count // per_pose + 1} poses, found {poses}: base and "
+            f"tool have {count} parameters, so that fewer fit any arm; measure more."
         )
 
 
@@ -398,12 +398,12 @@ def _parameter_spread(arm: CalibratedArm, samples: Recording, free: tuple[str, .
     What parameters that match `free` take up, estimated on the samples, is projected out of J.
     """
     model, parameters = _model(arm, samples, arm.effects, free)
-    again = parameters.matching(*free) if free else np.zeros(len(parameters), bool)
+    refitted = parameters.matching(*free) if free else np.zeros(len(parameters), bool)
     known = {key: place for place, key in enumerate(arm.free)}
-    estimated = np.array([key in known for key in parameters.keys]) & ~again
+    estimated = np.array([key in known for key in parameters.keys]) & ~refitted
     columns = _lengths_by(model, parameters.only(estimated))
-    if again.any():
-        basis = _orthonormal_basis(_lengths_by(model, parameters.only(again)))
+    if refitted.any():
+        basis = _orthonormal_basis(_lengths_by(model, parameters.only(refitted)))
         columns = columns - basis @ (basis.T @ columns)
     keys = [key for key, is_one in zip(parameters.keys, estimated) if is_one]
     places = [known[key] for key in keys]
@@ -459,7 +459,7 @@ def _unknown_target(samples: Recording | None, key: str) -> InputError:
     )
 
 
-def _outside(arm: CalibratedArm, samples: Recording) -> tuple[str, ...]:
+def _columns_outside(arm: CalibratedArm, samples: Recording) -> tuple[str, ...]:
     """Columns that leave the range of the calibration, with both ranges; a load that it did not have."""
     fitted = dict(arm.fitted_range or {})
     fitted.setdefault(_LOAD, (0.0, 0.0))

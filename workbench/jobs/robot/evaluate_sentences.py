@@ -15,15 +15,18 @@ def refit_sentences(
 
     fits_better: whether base and tool of the calibration were used, and others explain the recording better.
     """
-    ours, theirs = (error_summary(residual)["rms_mm"] for residual in (refitted, nominal))
+    refitted_rms, nominal_rms = (
+        error_summary(residual)["rms_mm"] for residual in (refitted, nominal)
+    )
     sentences = []
     if fits_better:
         sentences.append(
-            f"With base and tool estimated on this recording it is {ours:.3g} mm: repeat with --refit base-and-tool."
+            f"With base and tool estimated on this recording it is {refitted_rms:.3g} mm: "
+            "repeat with --refit base-and-tool."
         )
-    if ours > _WORSE * theirs:
+    if refitted_rms > _WORSE * nominal_rms:
         sentences.append(
-            f"The calibrated arm is worse than the nominal one here ({ours:.3g} mm against {theirs:.3g} mm with base "
-            "and tool estimated on this recording): do not use the calibration in these poses."
+            f"The calibrated arm is worse than the nominal one here ({refitted_rms:.3g} mm against {nominal_rms:.3g} "
+            "mm with base and tool estimated on this recording): do not use the calibration in these poses."
         )
     return tuple(sentences)

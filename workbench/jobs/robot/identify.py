@@ -14,9 +14,9 @@ from workbench.core.model import Model
 from workbench.fitting.calibration_plans.plans import (
     default_plan,
     frames_of,
-    held,
     read_plan,
     stage_mask,
+    with_known_values,
 )
 from workbench.fitting.checked_samples import check_samples
 from workbench.machine.progress import counted
@@ -68,7 +68,7 @@ def _stage(chain, robot, stage, scale) -> dict:
     model = Model(chain, make_effects(CATALOGUE, stage.effects))
     parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
     effect_parameters = [p.key for effect in model.effects for p in effect.parameters(chain)]
-    return _judged(
+    return _stage_answer(
         stage,
         model,
         (parameters.free(*effect_parameters) if effect_parameters else parameters).nudged(),
@@ -80,18 +80,18 @@ def _stage(chain, robot, stage, scale) -> dict:
 def _stage_of_plan(chain, upto, plan, scale) -> dict:
     """The last of the stages `upto` with all before it, and with what the whole plan holds."""
     model = Model(chain, make_effects(CATALOGUE, [row for stage in upto for row in stage.effects]))
-    start = held(model.parameters, plan)
+    start = with_known_values(model.parameters, plan)
     mask = start.matching(*frames_of(start))
     for stage in upto:
         mask |= stage_mask(start, stage, make_effects(CATALOGUE, stage.effects), chain)
-    return _judged(upto[-1], model, start.only(mask & start.mask).nudged(), scale)
+    return _stage_answer(upto[-1], model, start.only(mask & start.mask).nudged(), scale)
 
 
-def _judged(stage, model, parameters, scale, robot=None) -> dict:
+def _stage_answer(stage, model, parameters, scale, robot=None) -> dict:
     """robot: whose Hayati rows are asked about too, in words."""
     known = overall = look(normal_matrix(model, parameters), parameters, scale)
-    if robot is not None and (more := held_by_convention(robot)):
-        everything = parameters.free(*more)
+    if robot is not None and (held_rows := held_by_convention(robot)):
+        everything = parameters.free(*held_rows)
         overall = look(normal_matrix(model, everything), everything, scale)
     return {
         "name": stage.name,

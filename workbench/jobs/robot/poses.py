@@ -60,11 +60,11 @@ class Chosen:
         found = self.design
         if found.bound is None:
             return None
-        twice = found.twice if len(found.twice) else None
+        doubled = found.twice if len(found.twice) else None
         squares = {
             "chosen_mm": found.value,
             "random_mm": np.median(found.random),
-            "random_twice_mm": None if twice is None else np.median(twice),
+            "random_twice_mm": None if doubled is None else np.median(doubled),
             "all_mm": found.everything,
             "bound_mm": max(found.bound, 0.0),
         }
@@ -72,7 +72,7 @@ class Chosen:
             key: None if square is None else float(np.sqrt(square))
             for key, square in squares.items()
         }
-        share = None if twice is None else float((twice > found.value).mean())
+        share = None if doubled is None else float((doubled > found.value).mean())
         return errors | {"share_of_twice_beaten": share} | dict(self.rotation)
 
     def as_json(self) -> dict:
@@ -146,19 +146,19 @@ def choose_poses(
     wanted = None if tasks is None else _task_rows(robot, model, tasks, free)
     known = None if tasks is None else _known(free)
     positions = None if wanted is None else wanted[:, :3]
-    more = {"known": known, "repeats": repeats, "bounded": True, "progress": staged(progress)}
-    design = choose(rows, n, criterion, positions, seed, **more)
+    options = {"known": known, "repeats": repeats, "bounded": True, "progress": staged(progress)}
+    design = choose(rows, n, criterion, positions, seed, **options)
     rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
     picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
     everything = everything.free(*held_by_convention(robot))
-    judged = identifiability(normal_matrix(model.at(picked), everything), everything)
+    identified = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for end in end_recordings(moving) for i in end.sample_ids[picked])
     return Chosen(
         recording,
         samples,
         design,
         criterion,
-        tuple(judged.sentences()),
+        tuple(identified.sentences()),
         int(count),
         left_out,
         int(free.mask.sum()),
@@ -285,7 +285,7 @@ def _usable(robot, recording, link_radius, sight):
     taken = np.zeros(recording.n, bool)
     for end in end_recordings(recording):
         variables = robot.mixing @ end.joints.T
-        reasons = {"beyond a joint's limit": _beyond(robot, end.joints)}
+        reasons = {"beyond a joint's limit": _exceeds_limits(robot, end.joints)}
         reasons["in which the arm collides with itself"] = (
             self_clearance(robot, variables, link_radius) < 2 * link_radius
             if link_radius > 0
@@ -297,7 +297,7 @@ def _usable(robot, recording, link_radius, sight):
     return ~taken, remaining
 
 
-def _beyond(robot, joints):
+def _exceeds_limits(robot, joints):
     """(n,) True where a reading (n, R) passes a limit that the robot states."""
     low, high = robot.limits.T
     return (

@@ -17,7 +17,7 @@ from workbench.core.errors import InputError
 from workbench.core.rigid import nearest_rotation, transform
 from workbench.core.text.csv_text import csv_text
 
-_LEAST, _ROUNDS = 3, 200
+_MIN_POINTS, _ROUNDS = 3, 200
 _FLAT = 1e-6  # share of the largest extent below which points lie on a line
 _SIGNS = tuple(product((1, -1), repeat=3))
 _CHANCE = 1e-3  # that one of all points is called an outlier with none there
@@ -150,9 +150,9 @@ def _is_better(other: Registration, found: Registration, limit: float) -> bool:
 
 
 def _check(points: np.ndarray, name: str) -> None:
-    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST:
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < _MIN_POINTS:
         raise InputError(
-            f"registration: expected at least {_LEAST} {name} points, found {len(points)}; measure more"
+            f"registration: expected at least {_MIN_POINTS} {name} points, found {len(points)}; measure more"
         )
     extent = np.linalg.svd(points - points.mean(0), compute_uv=False)
     if extent[1] <= _FLAT * max(extent[0], 1e-300):
@@ -201,7 +201,7 @@ def _left_one_out(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """(n,) mm: distance of each point under the transform of the others; nan where three or fewer are left."""
     n = len(source)
     found = np.full(n, np.nan)
-    for k in range(n if n > _LEAST + 1 else 0):
+    for k in range(n if n > _MIN_POINTS + 1 else 0):
         others = np.arange(n) != k
         matrix = _aligned(source[others], target[others])
         found[k] = np.linalg.norm(matrix[:3, :3] @ source[k] + matrix[:3, 3] - target[k])

@@ -18,7 +18,7 @@ from workbench.core.text.csv_text import csv_text
 from workbench.machine.progress import paced
 
 COLUMNS = ("theta", "d", "a", "alpha", "beta")
-PARTS = ("position", "x", "y", "z")
+COMPONENTS = ("position", "x", "y", "z")
 """What is moved: the position of the flange (mm), then the unit vectors of its x, y and z axis."""
 
 
@@ -43,7 +43,7 @@ class Significance:
         small = 1e-9 * self.index.max(0)
         return {
             part: [k for k, v in zip(self.keys, self.index[:, c]) if v <= small[c]]
-            for c, part in enumerate(PARTS)
+            for c, part in enumerate(COMPONENTS)
         }
 
     def as_json(self) -> dict:
@@ -51,8 +51,8 @@ class Significance:
         rows = [
             {
                 "parameter": key,
-                **{f"index_{p}": v for p, v in zip(PARTS, target)},
-                **{f"sensitivity_{p}": v for p, v in zip(PARTS, per)},
+                **{f"index_{p}": v for p, v in zip(COMPONENTS, target)},
+                **{f"sensitivity_{p}": v for p, v in zip(COMPONENTS, per)},
             }
             for key, target, per in zip(self.keys, self.index.tolist(), self.sensitivity.tolist())
         ]
@@ -88,7 +88,9 @@ def significance(
     that the robot does not state are taken as half a turn each way.
     """
     variables = (
-        _drawn(robot, points, seed) if readings is None else _some(robot, readings, points, seed)
+        _drawn(robot, points, seed)
+        if readings is None
+        else _random_variables(robot, readings, points, seed)
     )
     keys = tuple(geometry_free(robot))
     places = [
@@ -154,7 +156,7 @@ def _drawn(robot, points, seed):
     return robot.mixing @ readings.T
 
 
-def _some(robot, readings, points, seed):
+def _random_variables(robot, readings, points, seed):
     """(J, at most points) joint variables of recorded readings, each row once."""
     chosen = np.random.default_rng(seed).permutation(len(readings))[:points]
     return robot.mixing @ readings[chosen].T
@@ -190,7 +192,7 @@ def image(found: Significance):
     unseen = found.unseen()
     titles = ("position of the flange", "x axis (NP)", "y axis (OP)", "z axis")
     charts = figure.subplots(2, 2, sharex=True).ravel()
-    for axes, part, title, column in zip(charts, PARTS, titles, found.index.T):
+    for axes, part, title, column in zip(charts, COMPONENTS, titles, found.index.T):
         none = np.isin(found.keys, unseen[part])
         axes.bar(names, column, color="#1f83c4", width=0.7)
         marks = {"marker": "x", "s": 26, "color": "#d9730d", "zorder": 3, "label": "no effect"}

@@ -48,8 +48,8 @@ def _without_effects_named(scene: Scene, patterns: Sequence[str], path: Path) ->
         term_names(getattr(CATALOGUE.get(c.effect), "effect", c.effect), c.where, c.effect)
         for c in scene.effect
     ]
-    off = switched_off(names, patterns, f"scene {path}")
-    retained = [cause for cause, is_off in zip(scene.effect, off) if not is_off]
+    disabled = switched_off(names, patterns, f"scene {path}")
+    retained = [cause for cause, is_off in zip(scene.effect, disabled) if not is_off]
     return scene.model_copy(update={"effect": retained})
 
 

@@ -15,7 +15,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.solution import Stage
 from workbench.files.results import StageResult
-from workbench.fitting.calibration_plans.plans import frames_of, held, stage_mask
+from workbench.fitting.calibration_plans.plans import frames_of, stage_mask, with_known_values
 from workbench.fitting.calibration_plans.stage_tests import is_retained
 from workbench.fitting.cross_validation import HeldOut, Split, cross_validate, error_summary
 from workbench.fitting.frame_gauge import ROOT, undetermined_offsets, undetermined_root
@@ -27,14 +27,16 @@ from workbench.fitting.priors.trial_fits import fit_with_noise, solve_independen
 from workbench.machine.progress import counted
 
 _FOLD_STEPS = 8  # of a fold that one linearisation does not reach, where stages are compared
-MANY = 1000  # samples from which one linearisation serves all folds by which stages are compared
+LARGE_SAMPLES = (
+    1000  # samples from which one linearisation serves all folds by which stages are compared
+)
 
 
 @dataclass(frozen=True)
 class Step:
     """Where a plan stands: the model so far, its fit on the fit samples, and its held-out error.
 
-    `held`: keys of the tool's translations that are held, since the data do not determine them.
+    `fixed_offsets`: keys of the tool's translations that are held, since the data do not determine them.
     """
 
     model: Model
@@ -47,7 +49,7 @@ class Step:
     loss: str = "linear"
     settle: bool = False
     at_zero: frozenset[str] = frozenset()
-    held: tuple[str, ...] = ()
+    fixed_offsets: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Chosen:
 
 def first_step(model: Model, split: Split, stages: Sequence[Stage]) -> Step:
     """Base and tool at the nominal geometry; stages: of the plan, which may hold parameters."""
-    start = held(model.parameters, stages)
+    start = with_known_values(model.parameters, stages)
     free = start.only(start.mask & start.matching(*frames_of(start)))
     fit = solve(model.part(split.fit), free)
     return Step(
@@ -101,9 +103,9 @@ def refit(step: Step, nominal: Step, retained: Sequence[Stage], split: Split) ->
     nominal: the first step on all samples; retained: the stages that are in the model.
     """
     residual = step.model.part(split.fit).residual(step.parameters)
-    spent = step.fit.residual.size - step.fit.degrees
+    degrees_used = step.fit.residual.size - step.fit.degrees
     weights = np.ones(residual.shape[1])
-    degrees = residual.size - spent
+    degrees = residual.size - degrees_used
     before = replace(step.fit, residual=residual, weights=weights, degrees=degrees, gradient=None)
     untested = replace(split, fold=np.full(len(split.fold), -1))
     return _try(replace(step, fit=before), _merged(retained, nominal), untested)
@@ -128,15 +130,15 @@ def _prune(nominal: Step, step: Step, rows, split, progress) -> Chosen:
         begin(f"the result without {stage.name}")
         fewer = _without_effects(step.model, [s for s, r in rows if r.earned], stage)
         merged = _merged(others, nominal)
-        without = _try(replace(step, model=fewer), merged, split)
-        if without.held_out.is_materially_worse_than(step.held_out):
+        reduced = _try(replace(step, model=fewer), merged, split)
+        if reduced.held_out.is_materially_worse_than(step.held_out):
             continue
-        if not is_retained(without, step, tests, split.fit):
-            change = f"with it added back, held-out {step.held_out.change_from(without.held_out)}"
+        if not is_retained(reduced, step, tests, split.fit):
+            change = f"with it added back, held-out {step.held_out.change_from(reduced.held_out)}"
             sentence = f"{result.sentence}; without a significant gain after the later stages ({change}): left out"
             rows[k] = stage, replace(result, earned=False, sentence=sentence)
             progress(rows[k][1].sentence)
-            step = without
+            step = reduced
     retained = tuple(stage for stage, result in rows if result.earned)
     return Chosen(nominal, step, tuple(result for _, result in rows), retained)
 
@@ -153,8 +155,8 @@ def _without_effects(model: Model, stages: Sequence[Stage], left_out: Stage) -> 
 
 def _merged(stages, nominal: Step) -> Stage:
     """One stage that frees all that some stages do, in a model that has their effects."""
-    every = tuple(row for stage in stages for row in stage.effects)
-    model = nominal.model.with_effects(*make_effects(CATALOGUE, every))
+    effect_rows = tuple(row for stage in stages for row in stage.effects)
+    model = nominal.model.with_effects(*make_effects(CATALOGUE, effect_rows))
     mask = np.zeros(len(model.parameters), bool)
     for stage in stages:
         effects = make_effects(CATALOGUE, stage.effects)
@@ -181,9 +183,9 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     asked = int(wanted.mask.sum())
     wanted = wanted if size is None else wanted.fix(size)
     trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
-    held = undetermined_offsets(part, trial) if stage.canonical else []
-    if held:
-        wanted = wanted.fix(*held)
+    fixed = undetermined_offsets(part, trial) if stage.canonical else []
+    if fixed:
+        wanted = wanted.fix(*fixed)
         trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
     model, fit, tied = model.with_chain(chain), trial, {}
     if stage.canonical:
@@ -211,7 +213,7 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
         stage.loss,
         stage.canonical,
         at_zero,
-        _still_held((*step.held, *held), fit.parameters),
+        _still_held((*step.fixed_offsets, *fixed), fit.parameters),
     )
 
 
@@ -243,7 +245,7 @@ def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
 
     Of few samples each fold is a fit of its own: it differs much from that of all samples, and takes little time.
     """
-    if loss != "linear" or (split.fold >= 0).sum() < MANY:
+    if loss != "linear" or (split.fold >= 0).sum() < LARGE_SAMPLES:
         return cross_validate(model, fit.parameters, split.fold, loss, steps, settle)
     steps = min(steps, _FOLD_STEPS)
     return cross_validate_linearised(model, fit.parameters, split.fold, steps, settle)

@@ -20,12 +20,12 @@ from workbench.files.exports.mdh import calibrated_geometry
 from workbench.files.exports.mjcf import Compliances, compliances_of
 from workbench.files.solution_file import CalibratedArm
 
-PARTS = ("joint", "bearing", "link", "pedestal")
+ELEMENTS = ("joint", "bearing", "link", "pedestal")
 MODELS = {
     "rigid": (),
     "joints": ("joint",),
     "joints and bearings": ("joint", "bearing"),
-    "joints, bearings, links and pedestal": PARTS,
+    "joints, bearings, links and pedestal": ELEMENTS,
 }
 """Models that are compared: name -> the parts that deflect."""
 _FORCE, _MOMENT = slice(0, 3), slice(3, 6)
@@ -77,8 +77,8 @@ class CartesianStiffness:
     def models(self, wrench=None) -> dict[str, np.ndarray]:
         """Model of `MODELS` -> (n,) mm: translation under a wrench, or the largest per newton of force."""
         models = {}
-        for name, parts in MODELS.items():
-            total = sum((self.compliance[part] for part in parts), np.zeros_like(self.total))
+        for name, elements in MODELS.items():
+            total = sum((self.compliance[part] for part in elements), np.zeros_like(self.total))
             if wrench is None:
                 models[name] = np.linalg.eigvalsh(total[:, _FORCE, _FORCE])[:, -1]
             else:
@@ -103,12 +103,12 @@ def cartesian_stiffness(
     variables = arm.robot.mixing @ np.asarray(readings, float).T
     frames = forward(arm.robot, variables, calibrated_geometry(arm), links=True)
     point = frames.point(np.asarray(tool_point, float))
-    parts = {part: np.zeros((variables.shape[1], 6, 6)) for part in PARTS}
+    by_element = {part: np.zeros((variables.shape[1], 6, 6)) for part in ELEMENTS}
     for number, compliance in found.joint.items():
-        parts["joint"] += compliance * _outer(_drive_twist(arm.robot, frames, number, point))
+        by_element["joint"] += compliance * _outer(_drive_twist(arm.robot, frames, number, point))
     for part, compliance, axis, origin in _springs(found, frames):
-        parts[part] += compliance * _outer(_twist(axis, point - origin))
-    return CartesianStiffness(parts, point.T)
+        by_element[part] += compliance * _outer(_twist(axis, point - origin))
+    return CartesianStiffness(by_element, point.T)
 
 
 def _drive_twist(robot: Robot, frames: Frames, number: int, point: np.ndarray) -> np.ndarray:
@@ -125,30 +125,34 @@ def _drive_twist(robot: Robot, frames: Frames, number: int, point: np.ndarray) -
 def _springs(found: Compliances, frames: Frames):
     """(part, rad/(N m), axis (3, n), point on it (3, n)) of every spring but those of the drives."""
     for number, compliance in found.bearing.items():
-        for axis in _across(frames.z[number - 1], frames.x[number - 1]):
+        for axis in _transverse_directions(frames.z[number - 1], frames.x[number - 1]):
             yield "bearing", compliance, axis, frames.z_origin[number - 1]
     for number, compliance in found.link.items():
-        along = _along(frames, number)
-        for axis in _across(along, frames.link[number][0], frames.link[number][1]):
+        link_direction = _link_directions(frames, number)
+        for axis in _transverse_directions(
+            link_direction, frames.link[number][0], frames.link[number][1]
+        ):
             yield "link", compliance, axis, frames.pivot[number]
     for axis, compliance in zip(frames.link[0], found.pedestal):
         yield "pedestal", compliance, axis, frames.pivot[0]
 
 
-def _along(frames: Frames, number: int) -> np.ndarray:
+def _link_directions(frames: Frames, number: int) -> np.ndarray:
     """(3, n) unit vector along a link; that of its joint's axis where it has no length."""
     line = frames.link_vector(number)
     length = np.sqrt((line**2).sum(0))
     return np.where(length > 1e-6, line / np.maximum(length, 1e-6), frames.z[number - 1])
 
 
-def _across(along: np.ndarray, *hints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit axes (3, n) across `along`: the hint that is farthest from it, cleared of it, and their product."""
-    shares = np.stack([np.abs((hint * along).sum(0)) for hint in hints])
+def _transverse_directions(
+    direction: np.ndarray, *hints: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit axes (3, n) across `direction`: the hint that is farthest from it, cleared of it, and their product."""
+    shares = np.stack([np.abs((hint * direction).sum(0)) for hint in hints])
     hint = np.choose(np.argmin(shares, 0), hints) if len(hints) > 1 else hints[0]
-    first = hint - along * (hint * along).sum(0)
+    first = hint - direction * (hint * direction).sum(0)
     first = first / np.sqrt((first**2).sum(0))
-    return first, np.cross(along, first, axis=0)
+    return first, np.cross(direction, first, axis=0)
 
 
 def _twist(axis: np.ndarray, lever: np.ndarray) -> np.ndarray:
@@ -167,11 +171,11 @@ def stiffness_columns(found: CartesianStiffness, wrench) -> dict[str, np.ndarray
     columns = {f"{axis}_mm": row for axis, row in zip("xyz", found.points.T)}
     for k, axis in enumerate("xyz"):
         columns[f"compliance_{axis}_mm_per_n"] = found.total[:, k, k]
-    least, _, largest = found.translational().T
-    columns |= {"compliance_least_mm_per_n": least, "compliance_largest_mm_per_n": largest}
+    smallest, _, largest = found.translational().T
+    columns |= {"compliance_least_mm_per_n": smallest, "compliance_largest_mm_per_n": largest}
     if wrench is not None:
         moved = found.deflection(wrench)
-        for part in PARTS:
+        for part in ELEMENTS:
             columns[f"deflection_{part}_mm"] = np.linalg.norm(moved[part][:, _FORCE], axis=1)
         total = sum(moved.values())
         for axis, row in zip("xyz", total.T):
@@ -263,7 +267,7 @@ def models_figure(found: CartesianStiffness, wrench):
         else "deflection under the wrench (mm)"
     )
     figure = Figure(figsize=(4.2 * len(models), 7.6), layout="constrained")
-    maps, below = figure.subfigures(2, 1)
+    maps, lower = figure.subfigures(2, 1)
     panels = maps.subplots(1, len(models), sharex=True, sharey=True)
     top = max(float(values.max()) for values in models.values())
     for axes, (name, values) in zip(panels, models.items()):
@@ -272,7 +276,7 @@ def models_figure(found: CartesianStiffness, wrench):
         axes.title.set_size(9)
     panels[0].set(ylabel="z (mm)")
     maps.colorbar(shown, ax=panels, label=label)
-    axes = below.subplots()
+    axes = lower.subplots()
     for name, values in models.items():
         axes.ecdf(values, label=name)
     axes.set(xlabel=label, ylabel="share of poses (1)")

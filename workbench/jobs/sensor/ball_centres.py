@@ -16,7 +16,7 @@ from sensors.scanner.model import Scanner
 from workbench.core.errors import InputError
 from workbench.files.images.flange import rows_of_samples
 from workbench.files.provenance import provenance
-from workbench.files.spool import Made, Parts, Spool
+from workbench.files.spool import JoinedMapping, Made, Spool
 from workbench.fitting.verdicts.sensor_verdict import scan_verdict, scan_warnings
 from workbench.fitting.verdicts.verdict import Tolerance
 from workbench.jobs.sensor.scan import Ball, Scan, Scans
@@ -140,11 +140,11 @@ def characteristics(scans: Scans) -> tuple[Characteristic, ...]:
 
 
 def _characteristics(scans: Scans) -> tuple[Characteristic, ...]:
-    every = tuple(map(_Combined, acceptance()))
+    all_combined = tuple(map(_Combined, acceptance()))
     single = (
         [
             combined.add(scan.name, characteristic)
-            for combined, characteristic in zip(every, scan.accepted)
+            for combined, characteristic in zip(all_combined, scan.accepted)
         ]
         for scan in scans.scans
     )
@@ -152,8 +152,8 @@ def _characteristics(scans: Scans) -> tuple[Characteristic, ...]:
         single, folder=scans.folder
     )  # single results of a long session are read when they are written
     return tuple(
-        combined.characteristic(Parts(Made(spool, itemgetter(k))))
-        for k, combined in enumerate(every)
+        combined.characteristic(JoinedMapping(Made(spool, itemgetter(k))))
+        for k, combined in enumerate(all_combined)
     )
 
 
@@ -181,13 +181,13 @@ class _Combined:
         )
         return {f"scan {name}, {part}": value for part, value in characteristic.parts.items()}
 
-    def characteristic(self, parts: Mapping[str, float]) -> Characteristic:
+    def characteristic(self, single_results: Mapping[str, float]) -> Characteristic:
         """That of all scans so far, with their single results."""
         if not self._kept.determined:
             return self._kept
         mean = self._kept.name in ("rejected", "temperature")
         value = float(self._sum / self._n) if mean else self._kept.value
-        return replace(self._kept, value=value, n=self._n, parts=parts)
+        return replace(self._kept, value=value, n=self._n, parts=single_results)
 
 
 def characteristic_json(characteristic: Characteristic) -> dict:
@@ -318,9 +318,11 @@ def _ball_columns(scans: Scans, ball: Ball) -> dict[str, float]:
     """Columns of one ball centre, in file units."""
     fit = ball.fit
     std = fit.std[:3]
-    away = ball.points[:, fit.inliers] - fit.centre[:, None]
-    back = -ball.points[:, fit.inliers]
-    cosine = (away * back).sum(0) / (np.linalg.norm(away, axis=0) * np.linalg.norm(back, axis=0))
+    outward = ball.points[:, fit.inliers] - fit.centre[:, None]
+    to_sensor = -ball.points[:, fit.inliers]
+    cosine = (outward * to_sensor).sum(0) / (
+        np.linalg.norm(outward, axis=0) * np.linalg.norm(to_sensor, axis=0)
+    )
     u, v = scans.scanner.camera.project(fit.centre[:, None])[:, 0]
     return {
         "ball": ball.number,

@@ -105,15 +105,15 @@ def _stripes(recording, scanner, rows, depth):
     """Pixels (2, n), steps, sigma (n,), line (3, n) (as of `SurfaceLine.centre_bias`, and peak in grey values) and
     covariates (n,) of a scan's stripes."""
     paths = [path_of(recording, row) for row in rows]
-    along = "rows" if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else "columns"
-    parts, first = [], 0
+    scan_axis = "rows" if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else "columns"
+    blocks, first = [], 0
     for stack in stacks(paths, _FRAMES, {p: str(row["image"]) for p, row in zip(paths, rows)}.get):
-        found = find_stripes(stack, along, saturation=depth)
+        found = find_stripes(stack, scan_axis, saturation=depth)
         line = np.vstack([found.shape, found.peak])
-        parts.append((found.pixels, first + found.frame, found.sigma, line))
+        blocks.append((found.pixels, first + found.frame, found.sigma, line))
         first += len(stack)
     pixels, frame, sigma, shape = (
-        np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
+        np.concatenate([part[k] for part in blocks], axis=-1) for k in range(4)
     )
     names = recorded_columns(rows)
     covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
@@ -124,9 +124,9 @@ def _stripes(recording, scanner, rows, depth):
 
 def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | None:
     """A ball's points without those seen or lit too steeply, their centres straightened; None where few are left."""
-    on = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
-    pixels = seen["pixels"][:, on]
-    step = seen["step"][on]
+    is_usable = (np.abs(fit.residual) < 0.05 * radius) & np.isfinite(points).all(0)
+    pixels = seen["pixels"][:, is_usable]
+    step = seen["step"][is_usable]
     matt = line_on_ball(
         scanner.camera,
         fit.centre,
@@ -136,31 +136,31 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         scanner.scan,
         light,
     )
-    width, ratio, peak = shape[:, on]
+    width, ratio, peak = shape[:, is_usable]
     bend = brightness_law(matt, width, peak).applied(matt)
     pull = np.nan_to_num(bend.centre_bias(bend.line_shape(width), width, ratio))
-    outward = points[:, on] - fit.centre[:, None]
+    outward = points[:, is_usable] - fit.centre[:, None]
     facing = (
-        -(outward * points[:, on]).sum(0)
+        -(outward * points[:, is_usable]).sum(0)
         / np.linalg.norm(outward, axis=0)
-        / np.linalg.norm(points[:, on], axis=0)
+        / np.linalg.norm(points[:, is_usable], axis=0)
     )
     good = (bend.lit > _STEEP) & (facing > _STEEP)
     if good.sum() < _FEWEST:
         return None
     straight = pixels - scanner.scan[:, None] * pull
     place = scanner.places(step)
-    again = fit_ball(scanner.reconstruct(straight[:, good], step[good]), radius=radius)
-    if not again:
+    refitted = fit_ball(scanner.reconstruct(straight[:, good], step[good]), radius=radius)
+    if not refitted:
         return None
-    inliers = np.flatnonzero(good)[again.inliers]
-    covariates = {name: column[on][inliers] for name, column in seen["covariates"].items()}
+    inliers = np.flatnonzero(good)[refitted.inliers]
+    covariates = {name: column[is_usable][inliers] for name, column in seen["covariates"].items()}
     return _Arc(
         straight[:, inliers],
         place[inliers],
-        seen["sigma"][on][inliers],
+        seen["sigma"][is_usable][inliers],
         covariates,
-        again.centre,
+        refitted.centre,
         radius,
         number,
     )
@@ -189,9 +189,9 @@ def _chain(arcs, scanner: Scanner, board_stripes: BoardStripeChain) -> Balls:
 
 def _blocks(chain: Balls, size: int) -> Balls:
     """Neighbours along one arc as one point: their mean, moved along the scan line until its residual is theirs."""
-    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    position = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
     arc = chain.labels["ball"] * chain.planes.shape[1] + chain.labels["step"]
-    order = np.lexsort((along, arc))
+    order = np.lexsort((position, arc))
     new = np.flatnonzero(np.diff(arc[order], prepend=-1))
     rank = np.arange(chain.n) - np.repeat(new, np.diff(new, append=chain.n))
     block = np.empty(chain.n, int)

@@ -61,9 +61,9 @@ def _with_reason(problem: InputError, found) -> InputError:
     if not found.rejected:
         return problem
     first = found.rejected[0]
-    of = len(found.views) + len(found.rejected)
+    total = len(found.views) + len(found.rejected)
     return InputError(
-        f"{str(problem).rstrip('.')} ({len(found.rejected)} of {of} images left out; {first.image}: "
+        f"{str(problem).rstrip('.')} ({len(found.rejected)} of {total} images left out; {first.image}: "
         f"{first.why})"
     )
 

@@ -39,9 +39,9 @@ from workbench.jobs.sensor import scanner as scanners
 
 MOST_STRIPES = 6_000
 """Points of stripes on boards in all: some tens a stripe, which carry everything that is smooth along it."""
-_ENOUGH = 30  # third differences that tell a noise
+_MIN_DIFFERENCES = 30  # third differences that tell a noise
 _WRONG = 4.0
-_STILL = 1e-6  # rad
+_MIN_ROTATION = 1e-6  # rad
 _ODD = 0.05  # of one, by which a mirror's turn may differ from the commanded one
 _ROUNDS = 4  # each leaves the square of what the last one missed by
 _FARTHEST = 20.0  # px that one round moves a stripe
@@ -74,8 +74,12 @@ class Chains:
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
         """The chains that there are, in the order in which their coordinates stand in a problem."""
-        every = {"corners": self.corners, "board_stripes": self.board_stripes, "balls": self.balls}
-        return {name: chain for name, chain in every.items() if chain is not None}
+        named_chains = {
+            "corners": self.corners,
+            "board_stripes": self.board_stripes,
+            "balls": self.balls,
+        }
+        return {name: chain for name, chain in named_chains.items() if chain is not None}
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -120,8 +124,8 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     chains = Chains(
         calibration.free.corners, board_stripes, balls, calibration.placements, scans, gain_free
     )
-    every = Profiles.joined(profiles) if profiles else None
-    shape = asymmetry(every) if profiles else None
+    all_profiles = Profiles.joined(profiles) if profiles else None
+    shape = asymmetry(all_profiles) if profiles else None
     is_asymmetric = shape is not None and shape.is_relevant(calibration.scanner.sigma_px)
     return noisy(
         replace(
@@ -129,7 +133,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
             lines=camera.displaced_lines,
             dependence=calibration.dependence,
             line_doubts=tuple(line_doubts(calibration, shape)),
-            second_line=second_line(every) if is_asymmetric else None,
+            second_line=second_line(all_profiles) if is_asymmetric else None,
             rejected=calibration.rejected,
         )
     )
@@ -176,7 +180,7 @@ def _commanded(stripes, steps) -> np.ndarray | None:
     """(S,) rad of the steps as commanded, None where images.csv does not say."""
     selected = stripes.at(np.isin(stripes.step, steps))
     angles = selected.angles(steps)
-    return None if angles is None or np.ptp(angles) < _STILL else angles
+    return None if angles is None or np.ptp(angles) < _MIN_ROTATION else angles
 
 
 def with_mirror(
@@ -227,12 +231,12 @@ def measured(
     table = table.update({key: value for key, value in values.items() if key in table.index})
     state = chain.state
     for _ in range(_ROUNDS):
-        here = Model(chain, effects).evaluate(table)
-        miss = here.residual - noise
+        evaluation = Model(chain, effects).evaluate(table)
+        miss = evaluation.residual - noise
         if len(miss) == 2:
             chain = replace(chain, pixels=chain.pixels + miss, _kept_state=state)
         else:
-            slope = (here.by_pixel * chain.scan).sum(0) / chain.gain
+            slope = (evaluation.by_pixel * chain.scan).sum(0) / chain.gain
             chain = replace(
                 chain,
                 pixels=chain.pixels + chain.scan * np.clip(-miss / slope, -_FARTHEST, _FARTHEST),
@@ -268,25 +272,25 @@ def noise_scale(chain, name: str) -> float | None:
     """
     residual = chain.evaluate(chain.parameters.values, {}).residual
     sigma = np.broadcast_to(chain.sigma, residual.shape)
-    line, along = _lines(chain, name)
-    order = np.lexsort((along, line))
+    line, position = _lines(chain, name)
+    order = np.lexsort((position, line))
     four = order[np.arange(len(order) - 3)[:, None] + np.arange(4)]
     four = four[line[four[:, 0]] == line[four[:, 3]]]
-    third = _third_differences(residual, sigma, along, four)
-    if third.size < _ENOUGH:
+    third = _third_differences(residual, sigma, position, four)
+    if third.size < _MIN_DIFFERENCES:
         return None
     usual = MEDIAN_TO_SIGMA * np.median(np.abs(third))
     return float(np.sqrt((third[np.abs(third) <= _WRONG * usual] ** 2).mean()))
 
 
-def _third_differences(residual, sigma, along, four: np.ndarray) -> np.ndarray:
+def _third_differences(residual, sigma, position, four: np.ndarray) -> np.ndarray:
     """(m, k) divided differences of residuals (m, n) with noise `sigma` (m, n) over samples `four` (k, 4) of one line,
     divided by their own noise.
 
     Places (n,) along a line are uneven where points were dropped: with equal weights a slope or a curvature of
     the residual would pass for noise. Weights: 1 over the product of the distances from the other three places.
     """
-    place = along[four]
+    place = position[four]
     spacing = place[:, :, None] - place[:, None]
     spacing[:, range(4), range(4)] = 1.0
     product = spacing.prod(2)
@@ -307,7 +311,7 @@ def _lines(chain, name):
         )
         view = chain.labels.get("view", chain.labels["placement"])
         return groups(view, (row - row.min()).astype(int))[0], chain.points[0]
-    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    position = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
     return groups(
         chain.labels["placement" if name == "board_stripes" else "ball"], chain.labels["step"]
-    )[0], along
+    )[0], position

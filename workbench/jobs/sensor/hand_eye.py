@@ -53,7 +53,7 @@ FEWEST = 3
 _CONDITIONS = ("time", "temperature")
 DOWN = (0.0, 0.0, -1.0)
 """Direction of gravity in the base where no robot states it."""
-HELD = "the recording's own guess, held"
+FIXED_GUESS = "the recording's own guess, held"
 SCANNER = "the scanner's"
 
 
@@ -125,7 +125,7 @@ def calibrate(
     progress(f"hand-eye from {len(views)} images")
     if not trust_data:
         _check_equal_poses(recording, views, poses)
-    is_made = source != HELD and sensor is None
+    is_made = source != FIXED_GUESS and sensor is None
     observed = Observed(recording, found, views, known, is_made, poses, rows, kind)
     review = review_recording(observed, progress)
     calibration = camera if isinstance(camera, CameraCalibration) else None
@@ -189,10 +189,10 @@ def _check_equal_poses(recording, views, poses) -> None:
     """InputError where images in which the board moved have one and the same flange pose."""
     wrong = wrong_equal_poses(poses, views)
     if wrong:
-        what = equal_poses_sentence(wrong, [view.image for view in views])
+        sentence = equal_poses_sentence(wrong, [view.image for view in views])
         raise InputError(
-            f"recording '{recording.name}': expected the flange pose of each image, found that {what}; {EQUAL_REMEDY}, "
-            "or use --trust-data to calibrate with the data as they are"
+            f"recording '{recording.name}': expected the flange pose of each image, found that {sentence}; "
+            f"{EQUAL_REMEDY}, or use --trust-data to calibrate with the data as they are"
         )
 
 
@@ -228,7 +228,7 @@ def _camera(recording, sensor, found, progress):
         if guess is None:
             raise
     keys = {"width_px": found.size[0], "height_px": found.size[1], **guess}
-    return camera_from_keys(keys, f"{recording.name}, guess.camera"), HELD
+    return camera_from_keys(keys, f"{recording.name}, guess.camera"), FIXED_GUESS
 
 
 def _on_camera(camera, source: str) -> tuple[str, ...]:

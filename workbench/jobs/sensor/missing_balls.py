@@ -14,11 +14,11 @@ def missing_balls(
     recording: Recording, row: Mapping, found: int, refused: Sequence[Refusal]
 ) -> str:
     """Which balls of the artefact were not found, and why; "" where all were, or the scan is of a single one."""
-    said = "; ".join(refusal.sentence for refusal in refused)
+    reasons = "; ".join(refusal.sentence for refusal in refused)
     expected = len(recording.balls)
     if found >= expected or by_sample(recording, row) is not None:
-        return said
-    reason = said or "no other surface that curves like one of them was seen in its light planes"
+        return reasons
+    reason = reasons or "no other surface that curves like one of them was seen in its light planes"
     return f"{found} of the {expected} balls of artefact.csv were found; {reason}"
 
 

@@ -148,10 +148,10 @@ def scan(
     saturation = full_scale(recording, by_role(recording, "scan"))
     motions = motions_of(recording, scanner, groups, hand_eye_file, progress)
     work = _Work(recording, scanner, folder, saturation, differ_in_case_only(groups), motions)
-    each = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
+    results = streamed(Made(range(len(groups)), groups.at), work, paced(progress, "scan"))
     # on the same disk, but not in the folder: not every system moves a folder with an open file
     parent = folder.parent
-    return Scans(recording, scanner, scanner_run, Spool(each, folder=parent), parent)
+    return Scans(recording, scanner, scanner_run, Spool(results, folder=parent), parent)
 
 
 def scans_of(recording: Recording) -> Grouped:
@@ -172,11 +172,11 @@ def scans_of(recording: Recording) -> Grouped:
     ):  # of a joined scan, in which the sensor or the object moves
         same &= ~(np.abs(np.diff(groups.rows.values(name, np.nan))) > 0)
     if same.any():
-        again = int(np.argmax(same))
-        name, mine = groups.at(int(np.searchsorted(groups.starts, again, "right")) - 1)
+        repeated = int(np.argmax(same))
+        name, group_rows = groups.at(int(np.searchsorted(groups.starts, repeated, "right")) - 1)
         raise InputError(
-            f"{recording.name}, images.csv, scan {name}: expected every step once, found step {steps[again]:g} "
-            f"{(mine.values('step', 0) == steps[again]).sum()} times; give each image its own step or scan"
+            f"{recording.name}, images.csv, scan {name}: expected every step once, found step {steps[repeated]:g} "
+            f"{(group_rows.values('step', 0) == steps[repeated]).sum()} times; give each image its own step or scan"
         )
     return groups
 
@@ -212,21 +212,22 @@ class _Work:
         file = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
         write_cloud(self.folder / file, points)
         balls, outcome, refused = self.balls(known, cloud, sigma[seen], shape[:, seen])
-        without = len(rows) - len(known)
+        unseen_count = len(rows) - len(known)
         lost = (
-            f"{without} of {len(rows)} images are at steps that the scanner has no plane for"
-            if without
+            f"{unseen_count} of {len(rows)} images are at steps that the scanner has no plane for"
+            if unseen_count
             else ""
         )
-        some = np.linspace(0, max(points.shape[1] - 1, 0), min(points.shape[1], _DRAWN)).astype(int)
-        outside = sum(ball.beyond for ball in balls)
-        far = (
-            f"{outside} balls beyond the depths of the boards, where the planes are not calibrated"
-            if outside
+        count = points.shape[1]
+        drawn = np.linspace(0, max(count - 1, 0), min(count, _DRAWN)).astype(int)
+        uncalibrated_count = sum(ball.beyond for ball in balls)
+        depth_note = (
+            f"{uncalibrated_count} balls beyond the depths of the boards, where the planes are not calibrated"
+            if uncalibrated_count
             else ""
         )
         message = "; ".join(
-            filter(None, (lost, outcome if points.size else self.dark(known), far, surface))
+            filter(None, (lost, outcome if points.size else self.dark(known), depth_note, surface))
         )
         accepted = figures(self.recording, rows[0], balls)
         return Scan(
@@ -234,7 +235,7 @@ class _Work:
             rows[0],
             points.shape[1],
             file,
-            points[:, some],
+            points[:, drawn],
             dropped,
             balls,
             message,
@@ -267,7 +268,7 @@ class _Work:
         seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
-        parts, flaws, dropped, first = [], [], Counter(), 0
+        stripe_sets, flaws, dropped, first = [], [], Counter(), 0
         shown = set(chosen_images(len(paths)).tolist())
         scene = []
         for stack in stacks(paths, _FRAMES, called.get):
@@ -281,11 +282,11 @@ class _Work:
                     )
                     scene.append(scene_of(image, len(shown), lines))
             line = np.vstack([found.shape, found.peak])
-            parts.append((found.pixels, first + found.frame, found.sigma, line))
+            stripe_sets.append((found.pixels, first + found.frame, found.sigma, line))
             dropped.update(found.dropped)
             first += len(stack)
         pixels, frame, sigma, shape = (
-            np.concatenate([part[k] for part in parts], axis=-1) for k in range(4)
+            np.concatenate([part[k] for part in stripe_sets], axis=-1) for k in range(4)
         )
         if self.motions.of(rows) is None:
             scan = 0 if self.along == "rows" else 1
@@ -293,7 +294,7 @@ class _Work:
         names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
-        lost = _unseen(rows, flaws, frame)
+        lost = _rejected_images(rows, flaws, frame)
         return pixels, steps, frame, sigma, shape, covariates, dict(dropped), lost
 
     @property
@@ -306,7 +307,7 @@ class _Work:
         radii = self.radii
         points = cloud.points
         length = np.linalg.norm(cloud.error, axis=0)  # mm for one px of the stripe's centre
-        each = dict(
+        columns = dict(
             sigma=self._noise(cloud, sigma) * length,
             direction=cloud.error / length,
             at_limit=self._at_limit(cloud, [int(row.get("step", 0)) for row in rows]),
@@ -318,31 +319,36 @@ class _Work:
             options["widths"] = lambda place, balls: cloud.some(place).width_ratios(
                 shape[0, place], balls
             )
-        found = find_balls(points, radii, free=True, **options, **each) if points.shape[1] else []
+        found = (
+            find_balls(points, radii, free=True, **options, **columns) if points.shape[1] else []
+        )
         numbers, outcome = named(
             self.recording, rows[0], [fit.radius for fit in found], [fit.centre for fit in found]
         )
         fitted_balls = []
         for free, number in zip(found, numbers):
-            on = free.reason != ELSEWHERE
+            is_on_ball = free.reason != ELSEWHERE
             limit = max(trimmed, _steepest(free, cloud))
-            columns_of_ball = {key: value[..., on] for key, value in each.items()} | {
+            columns_of_ball = {key: value[..., is_on_ball] for key, value in columns.items()} | {
                 "incidence": limit
             }
-            ball = self._ball(cloud.some(on), columns_of_ball, free, number, shape[:, on])
-            if why := _undetermined(ball.fit, cloud.stripe[on]):
+            ball = self._ball(
+                cloud.some(is_on_ball), columns_of_ball, free, number, shape[:, is_on_ball]
+            )
+            if why := _undetermined(ball.fit, cloud.stripe[is_on_ball]):
                 count = int(ball.fit.inliers.sum())
                 refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
             else:
                 fitted_balls.append(ball)
         refused = sorted(refused, key=lambda refusal: -refusal.points)[:_MOST_REFUSED]
         if not fitted_balls:
-            said = (seen_instead(points, cloud.stripe, refused), perhaps_cut(each["at_limit"]))
+            cut = perhaps_cut(columns["at_limit"])
+            outcomes = (seen_instead(points, cloud.stripe, refused), cut)
         else:
-            said = (missing_balls(self.recording, rows[0], len(fitted_balls), refused),)
+            outcomes = (missing_balls(self.recording, rows[0], len(fitted_balls), refused),)
         if radii and len(fitted_balls) < self._expected(rows[0]) and cloud.motion is None:
-            said += (line_width_missing(self.scanner),)
-        return tuple(fitted_balls), "; ".join(filter(None, (outcome, *said))), tuple(refused)
+            outcomes += (line_width_missing(self.scanner),)
+        return tuple(fitted_balls), "; ".join(filter(None, (outcome, *outcomes))), tuple(refused)
 
     def _noise(self, cloud: Cloud, sigma: np.ndarray) -> np.ndarray:
         """(n,) px, 1 sigma of centres whose fits state `sigma` (n,)."""
@@ -362,14 +368,14 @@ class _Work:
         moves = cloud.error * pull.derivative[:, None]
         columns_of_ball["shared"] = columns_of_ball["shared"].with_common(moves, pull.covariance)
         straight = cloud.points - cloud.error * pull.size
-        lit = pull.bend.lit > np.cos(columns_of_ball["incidence"])
-        fit = _fitted(straight, cloud.view, lit, radius, start, columns_of_ball)
-        if fit and len(fit.reason) == len(lit):
+        is_lit = pull.bend.lit > np.cos(columns_of_ball["incidence"])
+        fit = _fitted(straight, cloud.view, is_lit, radius, start, columns_of_ball)
+        if fit and len(fit.reason) == len(is_lit):
             fit = with_radius_variance(fit, cloud.common_radius_variance(fit))
         beyond = self._beyond(cloud.local[2])
         other = (fit if radius is None else fit.free) or free
         misfit = self._misfit(fit or free, straight, cloud)
-        used = (fit or free).inliers if len((fit or free).reason) == len(lit) else lit
+        used = (fit or free).inliers if len((fit or free).reason) == len(is_lit) else is_lit
         common = None
         if cloud.motion is not None:
             common = cloud.common_covariance((fit or free).centre, used)
@@ -440,14 +446,14 @@ def figures(
     return acceptance(probed, certified, temperature=row.get("temperature_c"))
 
 
-def _unseen(rows, flaws, frame) -> tuple[Rejected, ...]:
+def _rejected_images(rows, flaws, frame) -> tuple[Rejected, ...]:
     """Images that are overexposed, or black between two that show the line; black ends of a sweep are valid."""
-    lit = np.bincount(frame, minlength=len(rows)) > 0
-    between = np.r_[False, lit[:-1]] & np.r_[lit[1:], False]
+    shows_line = np.bincount(frame, minlength=len(rows)) > 0
+    is_between = np.r_[False, shows_line[:-1]] & np.r_[shows_line[1:], False]
     return tuple(
         Rejected(row["image"], why)
-        for row, why, near in zip(rows, flaws, between)
-        if why and (near or not why.startswith("all black"))
+        for row, why, is_inside_sweep in zip(rows, flaws, is_between)
+        if why and (is_inside_sweep or not why.startswith("all black"))
     )
 
 
@@ -471,12 +477,12 @@ def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
     return undetermined(fit) if has_few else ""
 
 
-def _fitted(points, view, lit, radius, start, options) -> BallFit:
-    """The ball through points (3, k) that are `lit` (k,): light that grazes the surface spreads over many pixels,
+def _fitted(points, view, is_lit, radius, start, options) -> BallFit:
+    """The ball through points (3, k) that are `is_lit` (k,): light that grazes the surface spreads over many pixels,
     which speckle makes a ragged patch."""
-    options = options | {"sigma": np.where(lit, options["sigma"], np.nan)}
+    options = options | {"sigma": np.where(is_lit, options["sigma"], np.nan)}
     fit = fit_ball(points, radius=radius, view=view, start=start, **options)
-    return replace(fit, reason=np.where(~lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
+    return replace(fit, reason=np.where(~is_lit & (fit.reason == MISSING), INCIDENCE, fit.reason))
 
 
 def write_cloud(path: Path, points: np.ndarray) -> None:

@@ -39,7 +39,7 @@ from workbench.machine.progress import paced
 
 FILE = "scanner.toml"
 _FRAMES = 16
-_BEYOND = 1.5  # steps of the grid that a board may reach beyond its outermost corners
+_MAX_GRID_STEPS = 1.5  # steps of the grid that a board may reach beyond its outermost corners
 _OUTLINED = 12  # corners that place the rest of a board
 _FAR_PX = 30_000.0  # px beyond which an outline is cut
 _TRIED = 3  # board poses from which the direction of the stripes is read
@@ -188,16 +188,16 @@ def board_stripes(
     rejected: given those in which no line can be seen; profiles: given the profiles of the line.
     """
     saturation = full_scale(recording, [row for _, rows in usable for row in rows])
-    along = _direction(recording, usable[:_TRIED], board, saturation)
-    work = _Work(recording, board, along, saturation)
-    parts = []
+    direction = _direction(recording, usable[:_TRIED], board, saturation)
+    work = _Work(recording, board, direction, saturation)
+    all_stripes = []
     for stripes, unseen, shapes in streamed(usable, work, paced(progress, "laser on board pose")):
-        parts += stripes
+        all_stripes += stripes
         if rejected is not None:
             rejected += unseen
         if profiles is not None:
             profiles += shapes
-    return joined(parts)
+    return joined(all_stripes)
 
 
 def _direction(recording, usable, board, saturation) -> str:
@@ -205,9 +205,9 @@ def _direction(recording, usable, board, saturation) -> str:
     found = {"rows": 0, "columns": 0}
     for view, rows in usable:
         middle = rows[len(rows) // 2 : len(rows) // 2 + 1]
-        for along in found:
-            found[along] += sum(
-                part.n for part in _Work(recording, board, along, saturation)((view, middle))[0]
+        for direction in found:
+            found[direction] += sum(
+                part.n for part in _Work(recording, board, direction, saturation)((view, middle))[0]
             )
     return max(found, key=found.get)
 
@@ -231,7 +231,7 @@ class _Work:
         dark = read_grey(path_of(self.recording, view.row), f"{self.recording.name}/{view.image}")
         region = region_of(view, self.board)
         first = 0
-        parts = []
+        stripe_sets = []
         rejected = []
         profiles = []
         for stack in stacks(paths, _FRAMES, called.get):
@@ -243,24 +243,28 @@ class _Work:
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
                     f"image, found {stack.shape[2]} x {stack.shape[1]} px; take both with the same settings"
                 )
-            mine = rows[first : first + len(stack)]
+            stack_rows = rows[first : first + len(stack)]
             why = [unlit(frame) for frame in stack]
             rejected += [
-                Rejected(row["image"], said, view.placement) for row, said in zip(mine, why) if said
+                Rejected(row["image"], reason, view.placement)
+                for row, reason in zip(stack_rows, why)
+                if reason
             ]
-            lit = [k for k, said in enumerate(why) if not said]
-            if lit:
+            lit_indices = [k for k, reason in enumerate(why) if not reason]
+            if lit_indices:
                 found = find_stripes(
-                    stack[lit],
+                    stack[lit_indices],
                     self.along,
                     background=background,
                     region=region,
                     saturation=self.saturation,
                 )
-                parts.append(_board_stripes(found, [mine[k] for k in lit], view.placement))
-                profiles.append(_profiles(stack[lit], found, background))
+                stripe_sets.append(
+                    _board_stripes(found, [stack_rows[k] for k in lit_indices], view.placement)
+                )
+                profiles.append(_profiles(stack[lit_indices], found, background))
             first += len(stack)
-        return parts, rejected, profiles
+        return stripe_sets, rejected, profiles
 
 
 def _profiles(stack, found, background) -> Profiles:
@@ -297,12 +301,12 @@ def region_of(view: View, board: Board) -> np.ndarray:
 
     width, height = view.size
     middle = view.pixels.mean(1, keepdims=True)
-    wider = 1 + 2 * _BEYOND / (min(board.columns, board.rows) - 1)
-    parts = [middle + wider * (view.pixels - middle)]
+    wider = 1 + 2 * _MAX_GRID_STEPS / (min(board.columns, board.rows) - 1)
+    outlines = [middle + wider * (view.pixels - middle)]
     if len(view.index) < board.count:
-        parts += _outline(view, board)
+        outlines += _outline(view, board)
     mask = np.zeros((height, width), np.uint8)
-    for part in parts:
+    for part in outlines:
         hull = cv2.convexHull(np.ascontiguousarray(part.T, np.float32))
         cv2.fillConvexPoly(mask, np.round(hull).astype(np.int32), 1)
     return mask.astype(bool)
@@ -320,8 +324,8 @@ def _outline(view: View, board: Board) -> list[np.ndarray]:
         return []
     low = board.points[:2].min(1)
     high = board.points[:2].max(1)
-    low = low - _BEYOND * board.square_mm
-    high = high + _BEYOND * board.square_mm
+    low = low - _MAX_GRID_STEPS * board.square_mm
+    high = high + _MAX_GRID_STEPS * board.square_mm
     ends = np.array([[low[0], high[0], high[0], low[0]], [low[1], low[1], high[1], high[1]]])
     placed = homography @ np.vstack([ends, np.ones(4)])
     if (placed[2] <= 0).any():
@@ -349,7 +353,7 @@ def as_json(run: ScannerRun, tolerances: Sequence[Tolerance] = ()) -> dict:
             calibration.rms_mm,
             calibration.rms_px,
             calibration.sigma_plane_mm,
-            _apart(calibration),
+            _plane_sigmas(calibration),
         )
     ]
     good = ~calibration.wrong
@@ -396,7 +400,7 @@ def _on_unseen(run: ScannerRun) -> list[str]:
     ]
 
 
-def _apart(calibration) -> list[float | None]:
+def _plane_sigmas(calibration) -> list[float | None]:
     """mm, 1 sigma of each plane in the frame that fits best; None where such a frame takes up all of it."""
     alone = calibration.sigma_stated_mm is calibration.sigma_plane_mm
     return [None] * len(calibration.scanner.steps) if alone else calibration.sigma_apart_mm.tolist()
@@ -404,10 +408,10 @@ def _apart(calibration) -> list[float | None]:
 
 def shared_json(calibration: ScannerCalibration) -> dict:
     """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
-    together = calibration.made.board_stripes.together
+    shared = calibration.made.board_stripes.together
     return {
         name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
-        for (name, sigma), std in zip(together.named.items(), together.std)
+        for (name, sigma), std in zip(shared.named.items(), shared.std)
     }
 
 

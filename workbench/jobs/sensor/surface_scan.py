@@ -43,14 +43,14 @@ def join_surface(
     write_cloud(folder / file, points[:, np.isfinite(points).all(0)])
     progress(f"balls in {points.shape[1]} points of {len(first)} poses")
     balls, outcome = _balls(recording, motion, points, pose, free)
-    some = np.linspace(0, points.shape[1] - 1, min(points.shape[1], _DRAWN)).astype(int)
+    drawn_points = np.linspace(0, points.shape[1] - 1, min(points.shape[1], _DRAWN)).astype(int)
     accepted = figures(recording, {}, balls)
     scan = Scan(
         NAME,
         {},
         points.shape[1],
         file,
-        points[:, some],
+        points[:, drawn_points],
         {},
         balls,
         outcome,
@@ -85,14 +85,16 @@ def _hand_eye(recording, hand_eye_file, progress) -> tuple[KnownHandEye, HandEye
 def _balls(recording, motion: Motion, points, pose, free) -> tuple[tuple[Ball, ...], str]:
     fitted, failed = [], []
     for number in np.unique(recording.ball):
-        on = (recording.ball == number) & np.isfinite(points).all(0)
+        is_on_ball = (recording.ball == number) & np.isfinite(points).all(0)
         found = recording.balls.get(int(number))
         radius = None if found is None else float(found[3])
-        fit = _fit(motion, points[:, on], pose[on], radius)
+        fit = _fit(motion, points[:, is_on_ball], pose[is_on_ball], radius)
         if fit:
-            fit = _with_expected_scatter(motion, points[:, on], pose[on], fit)
-            fit = _with_radius_errors(motion, points[:, on], pose[on], fit, free)
-            fitted.append(_ball(motion, points[:, on], pose[on], fit, int(number), radius))
+            fit = _with_expected_scatter(motion, points[:, is_on_ball], pose[is_on_ball], fit)
+            fit = _with_radius_errors(motion, points[:, is_on_ball], pose[is_on_ball], fit, free)
+            fitted.append(
+                _ball(motion, points[:, is_on_ball], pose[is_on_ball], fit, int(number), radius)
+            )
         else:
             failed.append(f"ball {number}: {fit.outcome}")
     return tuple(fitted), "; ".join(failed)
@@ -112,19 +114,21 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
     the flange poses together."""
     used = fit.inliers
     residual = fit.residual[used]
-    at = pose[used]
+    pose_of_point = pose[used]
     outward = points[:, used] - fit.centre[:, None]
     outward = outward / np.linalg.norm(outward, axis=0)
     squares, degrees = 0.0, 0
-    for sphere in np.unique(at):
-        rows = outward[:, at == sphere].T
-        remainder = residual[at == sphere]
+    for sphere in np.unique(pose_of_point):
+        rows = outward[:, pose_of_point == sphere].T
+        remainder = residual[pose_of_point == sphere]
         remainder = remainder - rows @ np.linalg.lstsq(rows, remainder, rcond=1e-6)[0]
         squares = squares + float(remainder @ remainder)
         degrees = degrees + len(remainder) - _MOVES
     noise = squares / max(degrees, 1)
-    across = np.einsum("in,kin->kn", outward, motion.own_moves(points[:, used], at))
-    stated = np.einsum("kn,kl,ln->n", across, motion.own_covariance, across).mean()
+    normal_moves = np.einsum(
+        "in,kin->kn", outward, motion.own_moves(points[:, used], pose_of_point)
+    )
+    stated = np.einsum("kn,kl,ln->n", normal_moves, motion.own_covariance, normal_moves).mean()
     return replace(fit, sigma_scale=fit.rms / max(np.sqrt(noise + stated), 1e-9))
 
 

@@ -78,7 +78,7 @@ class ImportOptions:
 class ImportResult:
     """The recording as written, the complete mapping, the fits that decided, and what is worth saying.
 
-    `doubts`: those of `warnings` that say what may be wrong with the data and is to be looked at before a calibration.
+    `suspicions`: those `warnings` that say what may be wrong with the data and is to be checked before a calibration.
     `clocks`: of two tables that are joined by time; None otherwise. `links`: "time" and "images" with the columns that
     they are read from, and how.
     """
@@ -90,7 +90,7 @@ class ImportResult:
     warnings: tuple[str, ...]
     clocks: ClockDecision | None = None
     links: Keys[str, Keys[str, object]] = field(default_factory=dict)
-    doubts: tuple[str, ...] = ()
+    suspicions: tuple[str, ...] = ()
 
     def as_json(self) -> dict:
         """`mapping`, `conventions` and `questions` of the answer (docs: results)."""
@@ -105,7 +105,7 @@ class ImportResult:
             "questions": [],
             "unused_columns": list(self.unused),
             "warnings": list(self.warnings),
-            "doubts": list(self.doubts),
+            "doubts": list(self.suspicions),
             **clocks,
         }
 
@@ -142,7 +142,7 @@ def import_recording(
     needs = coverage_needs(read)
     required = [need.sentence for need in needs if need.is_required]
     useful = [need.sentence for need in needs if not need.is_required]
-    warning_sentences = user_words.of((*built.doubts, *read.warnings, *required))
+    warning_sentences = user_words.of((*built.suspicions, *read.warnings, *required))
     explained = [remarks_sentence(found.table, built.mapping)] if warning_sentences else []
     warnings = user_words.of(
         (*found.warnings, *built.warnings, *dropped, *useful, *read.warnings, *required)
@@ -196,8 +196,8 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
     if found.source.clouds and is_profile_file(found.source.clouds[0]):
         return found, import_profiles(found, options, progress)
     if found.source.clouds:
-        found, doubts = with_ball_centres(found, options, progress)
-        return found, _made_of_table(found, options, progress).with_doubts(doubts)
+        found, suspicions = with_ball_centres(found, options, progress)
+        return found, _made_of_table(found, options, progress).with_suspicions(suspicions)
     return found, _made_of_table(found, options, progress)
 
 
@@ -217,7 +217,7 @@ def _check_clock(built: Made, trust_data: bool) -> None:
     clocks = built.clocks
     if clocks is None or not clocks.is_doubt or trust_data:
         return
-    errors = [text for text in (*built.doubts, *built.warnings) if LARGE_ERRORS in text]
+    errors = [text for text in (*built.suspicions, *built.warnings) if LARGE_ERRORS in text]
     if errors:
         raise InputError(f"{clocks.sentence} {errors[0]}")
 
@@ -261,8 +261,11 @@ def _remarks(found: Found):
         if problem.example:  # the example lists all columns
             raise
         unused = never_read(found, found.mapping, with_times=True)
-        parts = (remarks_sentence(found.table, found.mapping), unused_sentence(found.table, unused))
-        raise InputError(" ".join(filter(None, (str(problem), *parts)))) from None
+        sentences = (
+            remarks_sentence(found.table, found.mapping),
+            unused_sentence(found.table, unused),
+        )
+        raise InputError(" ".join(filter(None, (str(problem), *sentences)))) from None
 
 
 def links_of(found: Found, mapping: Mapping, with_times: bool) -> dict[str, dict]:
@@ -275,10 +278,10 @@ def links_of(found: Found, mapping: Mapping, with_times: bool) -> dict[str, dict
         return {}
     links = {}
     is_stated = "time_s" in mapping.columns.values()
-    parts = (table,) if found.timed is None else found.timed.parts
-    names = [f"{part.file}: {name}" for part in parts for name in time_columns(part)]
+    tables = (table,) if found.timed is None else found.timed.tables
+    names = [f"{part.file}: {name}" for part in tables for name in time_columns(part)]
     if names and (with_times or found.timed is not None) and not is_stated:
-        named = names if len(parts) > 1 else list(time_columns(table))
+        named = names if len(tables) > 1 else list(time_columns(table))
         links["time"] = {"columns": named, "read as": "time of the row, s since the first"}
     for kind, files in (("images", source.images), ("clouds", source.clouds)):
         if files:

@@ -46,26 +46,30 @@ def check_fit(
     fits: of the readings that were compared, empty where nothing had to be decided. trust_data: a misfit is a warning.
     lines (n,): row of the user's table that each sample was read from.
     """
-    whole, recording = recording, samples_of(recording)
+    full_recording, recording = recording, samples_of(recording)
     # the two rows of a length are one sample
-    place = {sample: row for row, sample in enumerate(whole.sample_ids.tolist())}
+    place = {sample: row for row, sample in enumerate(full_recording.sample_ids.tolist())}
     of_sample = lines[[place[sample] for sample in recording.sample_ids.tolist()]]
     best = fits[0] if fits else None
     if best is None:
         compared = compare_readings(robot, [("as mapped", recording)])
         best = compared[0][1] if compared else None
     if best is not None and best.is_good:
-        far = _far_geometry(robot, recording, trust_data)
+        far_sentence = _far_geometry(robot, recording, trust_data)
         rows = _implausible_rows(robot, recording, of_sample, trust_data)
-        return (*far, *rows, *_copied_rows(whole, lines))
+        return (*far_sentence, *rows, *_copied_rows(full_recording, lines))
     found = check_plausibility(robot, recording)
     if found and all(suspicion.robot_keys for suspicion in found):
         return tuple(suspicion.sentence for suspicion in found)
     if best is not None and best.explains:
-        others = [one for one in found if one.cause not in _NO_MISTAKE_OF_ALL_ROWS]
+        others = [finding for finding in found if finding.cause not in _NO_MISTAKE_OF_ALL_ROWS]
         if not others:
             rows = [_with_lines(s, recording, of_sample) for s in found if s.cause != "unexplained"]
-            return (_large_errors(robot, recording, best), *rows, *_copied_rows(whole, lines))
+            return (
+                _large_errors(robot, recording, best),
+                *rows,
+                *_copied_rows(full_recording, lines),
+            )
     if not any(suspicion.certain for suspicion in found):
         rotations = _wrong_rotations(robot, recording)
         if rotations and not trust_data:
@@ -89,7 +93,7 @@ def _implausible_rows(
     is a blunder. trust_data: that is a warning, too.
     """
     found = check_plausibility(robot, recording)
-    shifted = [one for one in found if one.cause == _SHIFTED]
+    shifted = [finding for finding in found if finding.cause == _SHIFTED]
     if shifted and not trust_data:
         raise InputError(naming_option(_with_lines(shifted[0], recording, lines)))
     return tuple(
@@ -107,11 +111,13 @@ def _copied_rows(recording, lines: np.ndarray) -> tuple[str, ...]:
         return ()
     # a row of the table with several reflectors makes several samples
     pairs = list(dict.fromkeys(f"{lines[row]} = {lines[first[row]]}" for row in copies))
-    more = f" and {len(pairs) - _NAMED_ROWS} more" if len(pairs) > _NAMED_ROWS else ""
-    what = "1 row is an exact copy" if len(pairs) == 1 else f"{len(pairs)} rows are exact copies"
+    unlisted = f" and {len(pairs) - _NAMED_ROWS} more" if len(pairs) > _NAMED_ROWS else ""
+    statement = (
+        "1 row is an exact copy" if len(pairs) == 1 else f"{len(pairs)} rows are exact copies"
+    )
     named = ", ".join(pairs[:_NAMED_ROWS])
     return (
-        f"{what} of an earlier row in joint readings and measured values (row {named}{more}). A copy is no "
+        f"{statement} of an earlier row in joint readings and measured values (row {named}{unlisted}). A copy is no "
         "further measurement and is counted once by calibrate. Remove these rows, or export the measurements again "
         "if they were repeated.",
     )
@@ -124,9 +130,9 @@ def _with_lines(suspicion: Suspicion, recording, lines: np.ndarray) -> str:
         return suspicion.sentence
     # a row of the table with several reflectors makes several samples
     named = list(dict.fromkeys(lines[rows].astype(str).tolist()))
-    more = [f"{len(named) - _NAMED_ROWS} more"] if len(named) > _NAMED_ROWS else []
+    unlisted = [f"{len(named) - _NAMED_ROWS} more"] if len(named) > _NAMED_ROWS else []
     noun = "rows" if len(named) > 1 else "row"
-    return f"{suspicion.sentence} In the file: {noun} {listed([*named[:_NAMED_ROWS], *more])}."
+    return f"{suspicion.sentence} In the file: {noun} {listed([*named[:_NAMED_ROWS], *unlisted])}."
 
 
 def _with_share(suspicion: Suspicion, best: CandidateFit | None) -> str:

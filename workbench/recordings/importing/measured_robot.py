@@ -62,8 +62,8 @@ _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 class Made:
     """The recording, the complete mapping, the fits that decided, and what is worth saying.
 
-    `doubts`: those of `warnings` that say what may be wrong with the data. `clocks`: of two tables that are joined by
-    time; None otherwise.
+    `suspicions`: those of `warnings` that say what may be wrong with the data. `clocks`: of two tables that are joined
+    by time; None otherwise.
     """
 
     recording: Recording
@@ -71,12 +71,12 @@ class Made:
     fits: tuple[CandidateFit, ...]
     warnings: tuple[str, ...]
     clocks: ClockDecision | None = None
-    doubts: tuple[str, ...] = ()
+    suspicions: tuple[str, ...] = ()
 
-    def with_doubts(self, doubts: tuple[str, ...]) -> "Made":
-        """The same with further doubts, which come first."""
-        warnings = tuple(dict.fromkeys((*doubts, *self.warnings)))
-        return replace(self, warnings=warnings, doubts=(*doubts, *self.doubts))
+    def with_suspicions(self, suspicions: tuple[str, ...]) -> "Made":
+        """The same with further suspicions, which come first."""
+        warnings = tuple(dict.fromkeys((*suspicions, *self.warnings)))
+        return replace(self, warnings=warnings, suspicions=(*suspicions, *self.suspicions))
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class DecidedTable:
 
     builder: Builder
     decision: decisions.Decision
-    said: tuple[str, ...]
+    notes: tuple[str, ...]
     clocks: ClockDecision | None = None
 
 
@@ -103,11 +103,11 @@ def import_table(found, options, progress) -> Made:
     with _clocks_named(clocks):
         imported = _finished(decided, found, options)
     warnings = (
-        (*imported.doubts, clocks.sentence)
+        (*imported.suspicions, clocks.sentence)
         if clocks is not None and clocks.is_doubt
-        else imported.doubts
+        else imported.suspicions
     )
-    return replace(imported, doubts=warnings)
+    return replace(imported, suspicions=warnings)
 
 
 @contextmanager
@@ -126,25 +126,25 @@ def decide_table(found, options, progress) -> DecidedTable:
 
     Raises as `import_table`.
     """
-    mapping, candidates, said = _with_robot(found, options, progress)
+    mapping, candidates, notes = _with_robot(found, options, progress)
     table = _with_reflectors(found, mapping)
     found = replace(found, mapping=mapping, table=table)
     clocks = _decide_clocks(found, mapping, candidates, options, progress)
     if clocks is not None:
         table, joined = found.timed.joined_at(clocks.seconds)
         mapping = replace(mapping, join=replace(mapping.join, time_offset_s=clocks.seconds))
-        said = (*said, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
+        notes = (*notes, *joined, *((clocks.sentence,) if clocks.is_warning else ()))
     else:
         mapping, labels = _with_labels(table, mapping, candidates, options)
-        said = (*said, *labels)
+        notes = (*notes, *labels)
     with _clocks_named(clocks):
         decided = _decided(table, mapping, candidates, options, progress)
-    return replace(decided, said=(*said, *decided.said), clocks=clocks)
+    return replace(decided, notes=(*notes, *decided.notes), clocks=clocks)
 
 
 def _with_robot(found, options, progress):
     """The mapping with columns and robot, every robot that the name may mean, and sentences on what was assumed."""
-    mapping, said = with_unnamed_columns(found, options, progress)
+    mapping, notes = with_unnamed_columns(found, options, progress)
     table = _with_reflectors(found, mapping)
     named = options.robot or mapping.robot
     missing = _missing(table, mapping)
@@ -155,7 +155,7 @@ def _with_robot(found, options, progress):
         progress("comparing the built-in robots")
         named = _robot_that_fits(complete_rows(table, mapping)[0], mapping, options)
     mapping = replace(mapping, robot=named)
-    return mapping, _candidates(named, table, mapping), said
+    return mapping, _candidates(named, table, mapping), notes
 
 
 def _with_reflectors(found, mapping: Mapping) -> RawTable:
@@ -237,9 +237,9 @@ def _finished(decided: DecidedTable, found, options) -> Made:
     guess = () if is_named else guessed_robot(builder, recording, calculated, options)
     recording = replace(recording, remarks=(*guess, *calculated))
     checked = (*guess, *calculated, *checked)
-    said = (*decided.said, *checked)
+    notes = (*decided.notes, *checked)
     mapping = builder.with_lengths_of_slides(decision.mapping)
-    return Made(recording, mapping, decision.fits, said, clocks, checked)
+    return Made(recording, mapping, decision.fits, notes, clocks, checked)
 
 
 def _decide_clocks(found, mapping, candidates, options, progress) -> ClockDecision | None:
@@ -292,17 +292,17 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
     return replace(turned, assumed=decision.assumed)
 
 
-def _searching(progress, what: str):
+def _searching(progress, label: str):
     """A function that reports how long a search lasts."""
-    return lambda spent: progress(f"{what} ({spent})")
+    return lambda elapsed: progress(f"{label} ({elapsed})")
 
 
 @contextmanager
-def _cut_short(progress, what: str):
+def _cut_short(progress, label: str):
     """A search inside ends without a result after `_SEARCH_S`."""
-    progress(what)
+    progress(label)
     try:
-        with limited(_SEARCH_S, _searching(progress, what)):
+        with limited(_SEARCH_S, _searching(progress, label)):
             yield
     except OutOfTime:
         pass

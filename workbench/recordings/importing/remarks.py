@@ -22,10 +22,12 @@ def remarks_sentence(table: RawTable | None, mapping: Mapping) -> str:
     """The remarks with their rows in the file; "" without any."""
     if table is None:
         return ""
-    said = [_shown(table, name, rows) for name, rows in _remarks(table, mapping)]
-    if not said:
+    shown_remarks = [_shown(table, name, rows) for name, rows in _remarks(table, mapping)]
+    if not shown_remarks:
         return ""
-    return f"The file has remarks, which may explain rows that do not fit: {'; '.join(said)}."
+    return (
+        f"The file has remarks, which may explain rows that do not fit: {'; '.join(shown_remarks)}."
+    )
 
 
 def unused_sentence(table: RawTable | None, unused: tuple[str, ...]) -> str:
@@ -34,8 +36,8 @@ def unused_sentence(table: RawTable | None, unused: tuple[str, ...]) -> str:
     if not names:
         return ""
     shown = ", ".join(f"'{name}'" for name in names[: 2 * _SHOWN])
-    more = f" and {len(names) - 2 * _SHOWN} more" if len(names) > 2 * _SHOWN else ""
-    return f"Columns that are not used: {shown}{more}."
+    unlisted = f" and {len(names) - 2 * _SHOWN} more" if len(names) > 2 * _SHOWN else ""
+    return f"Columns that are not used: {shown}{unlisted}."
 
 
 def _remarks(table: RawTable, mapping: Mapping) -> Iterator[tuple[str, np.ndarray]]:
@@ -59,8 +61,8 @@ def _is_said(text: str) -> bool:
 
 def _shown(table: RawTable, name: str, rows: np.ndarray) -> str:
     cells = table.columns[name]
-    parts = [
+    cells_of_rows = [
         f"row {table.lines[row]} '{str(cells[row]).strip()[:_LONGEST]}'" for row in rows[:_SHOWN]
     ]
-    more = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
-    return f"'{name}': {', '.join(parts)}{more}"
+    unlisted = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+    return f"'{name}': {', '.join(cells_of_rows)}{unlisted}"

@@ -54,9 +54,9 @@ def import_sessions(found, options, progress) -> Made:
             continue
         session = replace(sessions[place], mapping=mapping)
         decided[place] = decide_table(session, options, progress)
-    parts = [decided[place] for place in range(len(tables))]
+    decided_tables = [decided[place] for place in range(len(tables))]
     is_named = (options.robot or sessions[order[0]].mapping.robot) is not None
-    return _together(parts, order[0], options, is_named)
+    return _one_recording(decided_tables, order[0], options, is_named)
 
 
 def _as_largest(table: RawTable, largest: DecidedTable) -> DecidedTable:
@@ -70,8 +70,8 @@ def _as_largest(table: RawTable, largest: DecidedTable) -> DecidedTable:
             f"{largest.builder.table.file}, found {table.n} rows without the column {missing[0]}; write the headers "
             "of the larger table."
         )
-    rows, said = complete_rows(table, mapping)
-    return DecidedTable(replace(largest.builder, table=rows), Decision(mapping, ()), said)
+    rows, notes = complete_rows(table, mapping)
+    return DecidedTable(replace(largest.builder, table=rows), Decision(mapping, ()), notes)
 
 
 def _columns(mapping: Mapping, quantity: str) -> tuple[str, ...]:
@@ -79,12 +79,14 @@ def _columns(mapping: Mapping, quantity: str) -> tuple[str, ...]:
     return () if group is None else group.columns
 
 
-def _together(parts: Sequence[DecidedTable], largest: int, options, is_named: bool) -> Made:
+def _one_recording(
+    decided_tables: Sequence[DecidedTable], largest: int, options, is_named: bool
+) -> Made:
     """One recording of the decided tables, which has to fit the robot; is_named: whether the user named it."""
-    builder = parts[largest].builder
+    builder = decided_tables[largest].builder
     robot = builder.robot
-    tables = [part.builder.table for part in parts]
-    mappings = [part.decision.mapping for part in parts]
+    tables = [part.builder.table for part in decided_tables]
+    mappings = [part.decision.mapping for part in decided_tables]
     table, mapping, timed = in_recording_units(tables, mappings, sliding(robot))
     joined = Builder(table, builder.keys, robot, options)
     recording = replace(joined.complete(mapping), time_origin=sessions_origin(tables))
@@ -94,19 +96,19 @@ def _together(parts: Sequence[DecidedTable], largest: int, options, is_named: bo
         refuse_changed_units(joined, mapping, Decision(mapping, tuple(fits)))
     elif fits and not options.trust_data:
         refuse_changed_units(joined, mapping, None)
-        raise InputError(naming_option(_apart(tables, fits[0].words)))
+        raise InputError(naming_option(_separate_import(tables, fits[0].words)))
     calculated = calculated_points(joined, mapping, recording, options)
     checked = check_fit(robot, recording, fits, options.trust_data, table.lines)
     guess = () if is_named else guessed_robot(joined, recording, calculated, options)
     recording = replace(recording, remarks=(*guess, *calculated))
     checked = (*guess, *calculated, *checked)
-    said = [sentence for part in parts for sentence in part.said]
-    part = [part.clocks.sentence for part in parts if part.clocks and part.clocks.is_doubt]
-    said += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
-    shown = [fit for part in parts for fit in _own_fits(part)]
-    warnings = tuple(dict.fromkeys(said))
+    notes = [sentence for part in decided_tables for sentence in part.notes]
+    part = [part.clocks.sentence for part in decided_tables if part.clocks and part.clocks.is_doubt]
+    notes += [_counted(tables), *_differences(tables, mappings), *timed, *checked]
+    shown = [fit for part in decided_tables for fit in _own_fits(part)]
+    warnings = tuple(dict.fromkeys(notes))
     merged = replace(_merged(mappings), join=Join(APPEND))
-    return Made(recording, merged, (*shown, *fits), warnings, doubts=(*part, *checked))
+    return Made(recording, merged, (*shown, *fits), warnings, suspicions=(*part, *checked))
 
 
 def _own_fits(decided_table: DecidedTable):
@@ -115,7 +117,7 @@ def _own_fits(decided_table: DecidedTable):
     return [replace(fit, title=f"{decided_table.builder.table.file}: {fit.title}") for fit in best]
 
 
-def _apart(tables: Sequence[RawTable], words: str) -> str:
+def _separate_import(tables: Sequence[RawTable], words: str) -> str:
     names = " and ".join(table.file for table in tables)
     return (
         f"{names}: expected measurements in one frame, found that each table fits the robot, but not all together "
@@ -126,11 +128,13 @@ def _apart(tables: Sequence[RawTable], words: str) -> str:
 
 def _counted(tables: Sequence[RawTable]) -> str:
     """Which rows of the recording are of which table."""
-    said, first = [], 1
+    sentences, first = [], 1
     for number, table in enumerate(tables, 1):
-        said.append(f"{SESSION} {number}: samples {first} to {first + table.n - 1} of {table.file}")
+        sentences.append(
+            f"{SESSION} {number}: samples {first} to {first + table.n - 1} of {table.file}"
+        )
         first += table.n
-    return f"Tables with the same columns become one recording ({'; '.join(said)})."
+    return f"Tables with the same columns become one recording ({'; '.join(sentences)})."
 
 
 def _differences(tables: Sequence[RawTable], mappings: Sequence[Mapping]) -> list[str]:
@@ -138,8 +142,10 @@ def _differences(tables: Sequence[RawTable], mappings: Sequence[Mapping]) -> lis
     words = [reading_words(mapping) for mapping in mappings]
     if len(set(words)) == 1:
         return []
-    each = "; ".join(f"{table.file}: {text}" for table, text in zip(tables, words))
-    return [f"The tables differ in their units or conventions, which are converted ({each})."]
+    units_by_table = "; ".join(f"{table.file}: {text}" for table, text in zip(tables, words))
+    return [
+        f"The tables differ in their units or conventions, which are converted ({units_by_table})."
+    ]
 
 
 def _merged(mappings: Sequence[Mapping]) -> Mapping:

@@ -85,9 +85,9 @@ def _equal(flange: np.ndarray, views: Sequence, names: Sequence[str]) -> Iterato
     repeated = equal_poses(flange)
     if repeated and not wrong:
         first, later = repeated[0]
-        what = f"{len(repeated)} images repeat a flange pose, such as {names[later]} that of {names[first]}"
+        statement = f"{len(repeated)} images repeat a flange pose, such as {names[later]} that of {names[first]}"
         yield (
-            what,
+            statement,
             "take images at other poses: a repeated pose adds nothing to the transform",
             False,
         )
@@ -97,8 +97,8 @@ def _rotations(flange: np.ndarray, kind: str) -> Iterator[tuple]:
     from sensors.hand_eye.motion import motion  # an arm's recording need not load the hand-eye
 
     for sentence in motion(flange, kind).sentences:
-        what, _, action = sentence.rpartition("; ")
-        yield what, action, True
+        statement, _, action = sentence.rpartition("; ")
+        yield statement, action, True
 
 
 def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausibility:
@@ -133,14 +133,14 @@ def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
 
     sentence = outlier_sentence(review, names)
     if sentence is not None:
-        what, _, action = sentence.rpartition("; ")
-        yield what, action, False
+        statement, _, action = sentence.rpartition("; ")
+        yield statement, action, False
 
 
 def _finding(finding) -> tuple[str, str, bool]:
     """A finding of the review, required like the verdict of `handeye`, which fails with any of them."""
-    what, _, action = finding.sentence.rpartition("; ")
-    return what or action, action if what else "check them", True
+    statement, _, action = finding.sentence.rpartition("; ")
+    return statement or action, action if statement else "check them", True
 
 
 def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
@@ -166,12 +166,12 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
 def _disagreements(motions: RelativeMotions) -> Iterator[tuple]:
     """Disagreements of relative motions that no named mistake explains."""
     if motions.angle_gap_deg > _GAP_DEG:
-        what = (
+        statement = (
             f"flange and camera rotate by different angles between the same two images, by {motions.angle_gap_deg:.1f} "
             "deg in the median"
         )
         yield (
-            what,
+            statement,
             "check which pose belongs to which image, and order and unit of the angles",
             True,
         )

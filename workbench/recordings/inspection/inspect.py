@@ -80,14 +80,14 @@ class Inspection:
         mistakes = [need for need in self.needs if need.is_mistake]
         count = sum(not need.is_mistake for need in self.needs)
         noun = "remark says" if count == 1 else "remarks say"
-        more = f" {count} {noun} what would improve the result." if count else ""
+        remarks = f" {count} {noun} what would improve the result." if count else ""
         stated = "".join(
             f" But {need.what}; {need.action}." for need in self.needs if need.in_verdict
         )
         if mistakes:
             first = mistakes[0]
             stated = f" First look at what may be wrong: {first.what}; {first.action}.{stated}"
-        return f"Enough for `workbench {self.job}`.{stated}{more}"
+        return f"Enough for `workbench {self.job}`.{stated}{remarks}"
 
     def as_json(self) -> dict:
         """The answer of `workbench check`."""

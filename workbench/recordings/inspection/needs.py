@@ -33,7 +33,7 @@ _COMPONENTS = {
     "plane-touch": 1,
     "ball-surface": 3,
 }
-_SMALL_SHARE, _SMALL_DEG, _SMALL_MM, _STILL = 0.3, 40.0, 100.0, 1e-3
+_SMALL_SHARE, _SMALL_DEG, _SMALL_MM, _MIN_EXTENT = 0.3, 40.0, 100.0, 1e-3
 _MODERATE = 120.0  # deg or mm: a range this large determines the joint, however wide its limits are
 _SMALL_SPREAD_DEG = 20.0
 _FEW_IMAGES, _LEAST_IMAGES, _FIELD = 10, 4, 0.6
@@ -92,8 +92,8 @@ def needs_of(
 
 def plausibility_needs(hand_eye) -> Iterator[Need]:
     """Mistakes in a hand-eye recording; hand_eye: `HandEyePlausibility`."""
-    for what, action, is_certain in hand_eye.findings:
-        yield Need("handeye", is_certain, what, action, is_mistake=is_certain)
+    for statement, action, is_certain in hand_eye.findings:
+        yield Need("handeye", is_certain, statement, action, is_mistake=is_certain)
 
 
 def sample_needs(recording: Recording) -> Iterator[Need]:
@@ -107,14 +107,14 @@ def sample_needs(recording: Recording) -> Iterator[Need]:
         return  # no fit is possible: other needs say why
     for suspicion in found:
         if suspicion.cause not in (CAUSE, OTHER_ROBOT):
-            what, action = _what_and_action(suspicion.sentence)
-            yield Need("calibrate", suspicion.certain, what, action, is_mistake=True)
+            statement, action = _statement_and_action(suspicion.sentence)
+            yield Need("calibrate", suspicion.certain, statement, action, is_mistake=True)
 
 
-def _what_and_action(sentence: str) -> tuple[str, str]:
+def _statement_and_action(sentence: str) -> tuple[str, str]:
     """A sentence "what was found; what to do." in its two parts."""
-    what, _, action = sentence.rstrip().removesuffix(".").rpartition("; ")
-    return (what, action) if what else (action, "look at these data before you calibrate")
+    statement, _, action = sentence.rstrip().removesuffix(".").rpartition("; ")
+    return (statement, action) if statement else (action, "look at these data before you calibrate")
 
 
 def coverage_needs(recording: Recording) -> tuple[Need, ...]:
@@ -134,8 +134,8 @@ def coverage_needs(recording: Recording) -> tuple[Need, ...]:
 
 def _calibration_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     if not coverage.joints:
-        what = "joint readings (q1_deg ...) are not recorded"
-        yield Need("calibrate", True, what, "record the joint readings of every row")
+        statement = "joint readings (q1_deg ...) are not recorded"
+        yield Need("calibrate", True, statement, "record the joint readings of every row")
         return
     yield from _pose_needs(recording, coverage)
     if len(np.unique(recording.poses)) >= _least_poses(recording, coverage):
@@ -155,21 +155,22 @@ def _unknowns(coverage: Coverage) -> int:
 def _pose_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     """Too few poses, joints that hardly move, and orientations that hardly change."""
     poses = len(np.unique(recording.poses))
-    least = _least_poses(recording, coverage)
-    if poses < least:
+    min_poses = _least_poses(recording, coverage)
+    if poses < min_poses:
         unknown = _unknowns(coverage)
-        what = f"{poses} poses give fewer equations than the about {unknown} unknowns of robot, base and tool"
-        yield Need("calibrate", True, what, f"measure {least} poses or more")
-    elif poses < 2 * least:
-        what = f"{poses} poses leave little for held-out tests"
-        yield Need("calibrate", False, what, f"measure {2 * least} poses or more")
+        statement = f"{poses} poses give fewer equations than the about {unknown} unknowns of robot, base and tool"
+        yield Need("calibrate", True, statement, f"measure {min_poses} poses or more")
+    elif poses < 2 * min_poses:
+        statement = f"{poses} poses leave little for held-out tests"
+        yield Need("calibrate", False, statement, f"measure {2 * min_poses} poses or more")
     passive = _moved_by_others(recording)
     for joint in coverage.joints:
-        if joint.extent >= _STILL or joint_number(joint.name) not in passive:
+        if joint.extent >= _MIN_EXTENT or joint_number(joint.name) not in passive:
             yield from _joint_needs(joint)
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
-        what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS: base and tool are confounded"
-        yield Need("calibrate", False, what, "add poses with other orientations")
+        spread = f"{coverage.spread_deg:.1f} deg RMS"
+        statement = f"the flange keeps its orientation to {spread}: base and tool are confounded"
+        yield Need("calibrate", False, statement, "add poses with other orientations")
 
 
 def _moved_by_others(recording: Recording) -> set[int]:
@@ -198,7 +199,7 @@ def _sign_needs(recording: Recording) -> Iterator[Need]:
         fits = f"{fit_words(suspicion.recorded)} as recorded, {fit_words(suspicion.fit)} with the opposite sign"
         names = sorted(suspicion.correction.touches)
         if len(names) > 1:
-            what = (
+            statement = (
                 f"the signs of columns {', '.join(names)} are not tested: the data fit as well with the opposite sign "
                 f"of all of them (fit: {fits})"
             )
@@ -206,75 +207,84 @@ def _sign_needs(recording: Recording) -> Iterator[Need]:
                 "move each joint alone and compare the sense of its readings with the robot file"
             )
         else:
-            what = (
+            statement = (
                 f"column {names[0]} moves the measured point too little for its sign to be tested "
                 f"(fit: {fits})"
             )
             number = joint_number(names[0])
             action = f"check the sign of joint {number}, or measure a point away from its axis"
-        yield Need("calibrate", False, what, action)
+        yield Need("calibrate", False, statement, action)
 
 
 def _joint_needs(joint) -> Iterator[Need]:
     unit = joint.name.rpartition("_")[2]
-    if joint.extent < _STILL:
-        what = f"{joint.name} does not move, so that no parameter of this joint is identifiable"
-        yield Need("calibrate", False, what, "add poses that move it")
+    if joint.extent < _MIN_EXTENT:
+        statement = (
+            f"{joint.name} does not move, so that no parameter of this joint is identifiable"
+        )
+        yield Need("calibrate", False, statement, "add poses that move it")
         return
     small = joint.extent < (_SMALL_MM if unit == "mm" else _SMALL_DEG)
     if small or (joint.share < _SMALL_SHARE and joint.extent < _MODERATE):
         share = f", {100 * joint.share:.0f} % of its limits" if np.isfinite(joint.share) else ""
-        what = f"{joint.name} moves over {joint.extent:.3g} {unit} only{share}"
+        statement = f"{joint.name} moves over {joint.extent:.3g} {unit} only{share}"
         yield Need(
             "calibrate",
             False,
-            what,
+            statement,
             "add poses near its ends, else the result holds in this range only",
         )
 
 
 def _noise_needs(recording: Recording, repeats: Repeats) -> Iterator[Need]:
     if not repeats.groups:
-        what = "no pose is measured twice, so that noise and model errors cannot be separated"
+        statement = "no pose is measured twice, so that noise and model errors cannot be separated"
         if recording.measures == "ball-surface":
-            what += " (the points of a scan show their own noise, not that of the arm's poses)"
-        yield Need("diagnose", False, what, "measure some poses two or three times (column repeat)")
+            statement += " (the points of a scan show their own noise, not that of the arm's poses)"
+        yield Need(
+            "diagnose", False, statement, "measure some poses two or three times (column repeat)"
+        )
         return
     stated = recording.sigma
     if stated is None or not np.isfinite(repeats.noise_mm) or repeats.noise_mm == 0:
         return
     ratio = float(np.median(stated)) / repeats.noise_mm
     if not 1 / _NOISE_RATIO < ratio < _NOISE_RATIO:
-        what = (
+        statement = (
             f"the stated sigma is {ratio:.2g} times the {repeats.noise_mm:.3g} mm that repeats show"
         )
-        yield Need("calibrate", False, what, "correct sigma_mm or remove it")
+        yield Need("calibrate", False, statement, "correct sigma_mm or remove it")
 
 
 def _diagnosis_needs(recording: Recording) -> Iterator[Need]:
     columns = recording.columns
     load = columns.get("payload_kg")
     if load is None or np.ptp(load) == 0:
-        what = "one payload only: compliance is seen through the arm's own weight"
+        statement = "one payload only: compliance is seen through the arm's own weight"
         yield Need(
-            "diagnose", False, what, "measure some poses with a second load (column payload_kg)"
+            "diagnose",
+            False,
+            statement,
+            "measure some poses with a second load (column payload_kg)",
         )
     kinds = {Covariate.of(name).kind for name in columns}
     if "approach" not in kinds:
-        what = "directions of approach are not recorded: backlash cannot be tested directly"
-        yield Need("diagnose", False, what, "reach poses from both sides and record approach1 ...")
+        statement = "directions of approach are not recorded: backlash cannot be tested directly"
+        yield Need(
+            "diagnose", False, statement, "reach poses from both sides and record approach1 ..."
+        )
     if "temperature" not in kinds:
-        what = "no temperature: thermal growth can only be described as drift"
-        yield Need("diagnose", False, what, "record temperature_c")
+        statement = "no temperature: thermal growth can only be described as drift"
+        yield Need("diagnose", False, statement, "record temperature_c")
     if "time_s" not in columns:
-        what = "no time: drift is tested by the number of the row"
-        yield Need("diagnose", False, what, "record time_s")
+        statement = "no time: drift is tested by the number of the row"
+        yield Need("diagnose", False, statement, "record time_s")
     if recording.robot and joint_columns(columns):
         robot = load_robot(recording.robot, f"robot of {recording.name}")
         if not robot.mass.any():
-            what = "the robot file holds no masses: compliance is found up to them"
+            statement = "the robot file holds no masses: compliance is found up to them"
             yield Need(
-                "diagnose", False, what, "add mass_kg and com_mm to the joints of robot.toml"
+                "diagnose", False, statement, "add mass_kg and com_mm to the joints of robot.toml"
             )
 
 
@@ -282,42 +292,47 @@ def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
     command = "camera" if recording.measures == "board-images" else "scanner"
     if images.found < _LEAST_IMAGES:
         why = f" ({images.rejected[0][1]})" if images.rejected else ""
-        what = f"the board is found in {images.found} images{why}"
+        statement = f"the board is found in {images.found} images{why}"
         action = f"take {_FEW_IMAGES} images or more, and check [board]"
-        yield Need(command, True, what, action)
+        yield Need(command, True, statement, action)
     elif images.found < _FEW_IMAGES:
-        what = f"the board is found in {images.found} images"
-        yield Need(command, False, what, f"take {_FEW_IMAGES} or more, tilted by 20 to 45 deg")
+        statement = f"the board is found in {images.found} images"
+        yield Need(command, False, statement, f"take {_FEW_IMAGES} or more, tilted by 20 to 45 deg")
     if images.found >= _LEAST_IMAGES and images.rejected:
         count = len(images.rejected)
         reasons = [f"{image}: {why}" for image, why in images.rejected[:_NAMED_IMAGES]]
-        more = [f"and {count - _NAMED_IMAGES} more"] if count > _NAMED_IMAGES else []
-        which = "1 image is" if count == 1 else f"{count} images are"
-        what = f"{which} not usable: {' | '.join([*reasons, *more])}"
+        unlisted = [f"and {count - _NAMED_IMAGES} more"] if count > _NAMED_IMAGES else []
+        subject = "1 image is" if count == 1 else f"{count} images are"
+        statement = f"{subject} not usable: {' | '.join([*reasons, *unlisted])}"
         yield Need(
-            command, False, what, "look at these images, and take them again or leave them out"
+            command, False, statement, "look at these images, and take them again or leave them out"
         )
     if images.found and images.share_of_field < _FIELD:
-        what = f"corners cover {100 * images.share_of_field:.0f} % of the field, so that distortion is extrapolated"
-        yield Need(command, False, what, "move the board into the corners of the image")
+        share = f"{100 * images.share_of_field:.0f} %"
+        statement = f"corners cover {share} of the field, so that distortion is extrapolated"
+        yield Need(command, False, statement, "move the board into the corners of the image")
     if recording.measures == "scan-images" and not images.roles.get("board-laser"):
-        what = "no images of the board with the laser (role board-laser)"
-        yield Need("scanner", True, what, "add them for eight board poses or more")
+        statement = "no images of the board with the laser (role board-laser)"
+        yield Need("scanner", True, statement, "add them for eight board poses or more")
     if recording.measures == "scan-images" and not images.roles.get("scan"):
         yield Need("scan", True, "no images of scans (role scan)", "add a scan")
 
 
 def _target_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     if recording.n < _FEW_IMAGES:
-        what = f"{recording.n} poses of the target"
-        yield Need("handeye", recording.n < _HAND_EYE, what, f"measure {_FEW_IMAGES} poses or more")
+        statement = f"{recording.n} poses of the target"
+        yield Need(
+            "handeye", recording.n < _HAND_EYE, statement, f"measure {_FEW_IMAGES} poses or more"
+        )
     if coverage.spread_deg < _SMALL_SPREAD_DEG:
         yield _small_rotations(coverage)
 
 
 def _small_rotations(coverage: Coverage) -> Need:
-    what = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
-    return Need("handeye", False, what, "rotate the flange by 30 deg and more about different axes")
+    statement = f"the flange keeps its orientation to {coverage.spread_deg:.1f} deg RMS"
+    return Need(
+        "handeye", False, statement, "rotate the flange by 30 deg and more about different axes"
+    )
 
 
 def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
@@ -325,8 +340,10 @@ def _hand_eye_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
         return
     linked = sum("sample" in row for row in recording.images)
     if coverage.flange is None or not linked:
-        what = "images have no flange poses or joint readings"
-        yield Need("handeye", True, what, "add samples.csv, and the column sample to images.csv")
+        statement = "images have no flange poses or joint readings"
+        yield Need(
+            "handeye", True, statement, "add samples.csv, and the column sample to images.csv"
+        )
     elif linked < _HAND_EYE:
         yield Need(
             "handeye", True, f"{linked} images have a pose", f"add poses for {_FEW_IMAGES} images"

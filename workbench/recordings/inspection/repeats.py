@@ -50,7 +50,7 @@ def repeats_of(recording: Recording) -> Repeats:
     degrees = rows - len(members)
     if not all(name in moving.columns for name in _POSITION):
         return Repeats(len(members), rows, np.nan, np.nan, np.empty((3, 0)))
-    deviations = np.concatenate([_centred(moving.points[mine]) for mine in members])
+    deviations = np.concatenate([_centred(moving.points[group_rows]) for group_rows in members])
     noise_mm = float(np.sqrt((deviations**2).sum() / (3 * degrees)))
     return Repeats(
         len(members), rows, noise_mm, _rotation_noise(moving, members, degrees), deviations.T
@@ -70,7 +70,9 @@ def _rotation_noise(moving: Recording, members, degrees: int) -> float:
     quaternions = np.stack([moving.columns[f"q{c}"] for c in "xyzw"], axis=1)
     rotations = Rotation.from_quat(quaternions).as_matrix()
     total = 0.0
-    for mine in members:
-        mean = nearest_rotation(rotations[mine].mean(0))
-        total += float((Rotation.from_matrix(mean.T @ rotations[mine]).magnitude() ** 2).sum())
+    for group_rows in members:
+        mean = nearest_rotation(rotations[group_rows].mean(0))
+        total += float(
+            (Rotation.from_matrix(mean.T @ rotations[group_rows]).magnitude() ** 2).sum()
+        )
     return float(np.rad2deg(np.sqrt(total / (3 * degrees))))

@@ -61,8 +61,8 @@ class TrueArm:
             readings = readings + step * np.minimum(1.0, _STEP_RAD / np.maximum(size, 1e-12))
         value = gap(*self.flange(readings))
         limits = self.limits() * 1.3
-        inside = ((readings >= limits[:, 0]) & (readings <= limits[:, 1])).all(1)
-        return readings, inside & (np.abs(value).max(0) < 1e-6)
+        is_inside = ((readings >= limits[:, 0]) & (readings <= limits[:, 1])).all(1)
+        return readings, is_inside & (np.abs(value).max(0) < 1e-6)
 
     def poses_with(
         self, count: int, rng: np.random.Generator, gap: Gap, sigma_mm: float
@@ -71,8 +71,8 @@ class TrueArm:
         found = np.empty((0, self.robot.mixing.shape[1]))
         for _ in range(20):
             start = rng.uniform(*self.limits().T, size=(4 * count, found.shape[1]))
-            near = np.abs(gap(*self.flange(start))).max(0) < _LARGEST_START_MM
-            readings, solved = self.solved(start[near], gap)
+            is_near = np.abs(gap(*self.flange(start))).max(0) < _LARGEST_START_MM
+            readings, solved = self.solved(start[is_near], gap)
             found = np.concatenate([found, readings[solved]])
             if len(found) >= count:
                 return self._with_noise(found[:count], rng, gap, sigma_mm)

@@ -72,7 +72,7 @@ def external_point(robot: Mapping) -> Recording:
 def external_pose(robot: Mapping) -> Recording:
     """24 poses of a target that gives six degrees of freedom."""
     recording = _simulated(robot, _EXTERNAL.format(measures="external-pose", samples=24))
-    return _without(recording, "reflector")
+    return _drop_columns(recording, "reflector")
 
 
 def partial_pose(robot: Mapping) -> Recording:
@@ -80,7 +80,7 @@ def partial_pose(robot: Mapping) -> Recording:
     recording = _simulated(robot, _EXTERNAL.format(measures="external-pose", samples=30))
     rotations = Rotation.from_quat(np.stack([recording.columns[f"q{c}"] for c in "xyzw"], axis=1))
     axis = rotations.as_matrix()[:, :, 0]
-    recording = _without(recording, "reflector", "qw", "qx", "qy", "qz")
+    recording = _drop_columns(recording, "reflector", "qw", "qx", "qy", "qz")
     columns = {**recording.columns, **dict(zip(("nx", "ny", "nz"), axis.T))}
     return replace(recording, measures="partial-pose", columns=columns)
 
@@ -94,7 +94,7 @@ def distance(robot: Mapping) -> Recording:
     recording = _simulated(robot, scene)
     ends = recording.points.reshape(-1, 2, 3)
     length = np.repeat(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 2)
-    recording = _without(recording, "reflector", "x_mm", "y_mm", "z_mm")
+    recording = _drop_columns(recording, "reflector", "x_mm", "y_mm", "z_mm")
     pairs = np.repeat(np.arange(1.0, len(ends) + 1), 2)
     columns = {**recording.columns, "pair": pairs, "length_mm": length}
     return replace(recording, measures="distance", columns=columns)
@@ -112,8 +112,8 @@ def ball_surface(robot: Mapping) -> Recording:
     count = 12
     centres = np.repeat(recording.points, count, axis=0)
     toward = -centres / np.linalg.norm(centres, axis=1, keepdims=True)
-    aside = rng.normal(size=centres.shape)
-    normals = toward + 0.6 * aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    sideways = rng.normal(size=centres.shape)
+    normals = toward + 0.6 * sideways / np.linalg.norm(sideways, axis=1, keepdims=True)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = centres + 15.0 * normals + _SIGMA_MM * rng.normal(size=centres.shape)
     columns = {name: np.repeat(cells, count) for name, cells in recording.columns.items()}
@@ -155,11 +155,11 @@ def touch_point(robot: Mapping) -> Recording:
     arm = _arm(robot)
     rng = np.random.default_rng(_SEED)
     tip = np.array([15.0, 0.0, 140.0])
-    parts = []
+    contacts = []
     for number, point in enumerate(_points_in_reach(arm, rng, 4), 1):
         readings = arm.poses_with(14, rng, touching_point(tip, point), _SIGMA_MM)
-        parts.append((readings, {"point": number}))
-    return _contacts(robot, arm, "touch-point", parts)
+        contacts.append((readings, {"point": number}))
+    return _contacts(robot, arm, "touch-point", contacts)
 
 
 def plane_touch(robot: Mapping) -> Recording:
@@ -168,13 +168,13 @@ def plane_touch(robot: Mapping) -> Recording:
     rng = np.random.default_rng(_SEED)
     tip = np.array([15.0, 0.0, 140.0])
     normals = np.array([[0.0, 0.0, 1.0], [0.96, 0.0, 0.28], [0.0, 0.96, 0.28]])
-    parts = []
+    contacts = []
     for number, (normal, point) in enumerate(zip(normals, _points_in_reach(arm, rng, 3)), 1):
         readings = arm.poses_with(
             35, rng, touching_plane(tip, normal, float(normal @ point)), _SIGMA_MM
         )
-        parts.append((readings, {"plane": number}))
-    return _contacts(robot, arm, "plane-touch", parts)
+        contacts.append((readings, {"plane": number}))
+    return _contacts(robot, arm, "plane-touch", contacts)
 
 
 def laser_spot(robot: Mapping) -> Recording:
@@ -186,13 +186,13 @@ def laser_spot(robot: Mapping) -> Recording:
     centre = _points_in_reach(arm, rng, 1)[0]
     directions = rng.normal(size=(10, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    parts = []
+    contacts = []
     for number, direction in enumerate(directions, 1):
         readings = arm.poses_with(
             10, rng, beam_through(beam, centre + 120.0 * direction), _SIGMA_MM
         )
-        parts.append((readings, {"point": number, "sphere": 1}))
-    return _contacts(robot, arm, "laser-spot", parts)
+        contacts.append((readings, {"point": number, "sphere": 1}))
+    return _contacts(robot, arm, "laser-spot", contacts)
 
 
 def _arm(robot: Mapping) -> TrueArm:
@@ -206,13 +206,13 @@ def _points_in_reach(arm: TrueArm, rng: np.random.Generator, count: int) -> np.n
     return arm.flange(readings)[1]
 
 
-def _contacts(robot: Mapping, arm: TrueArm, measures: str, parts) -> Recording:
+def _contacts(robot: Mapping, arm: TrueArm, measures: str, contacts) -> Recording:
     """The recording of readings (n, R) with their groups; readings are rounded as a controller shows them."""
-    readings = np.concatenate([part for part, _ in parts])
+    readings = np.concatenate([part for part, _ in contacts])
     columns: dict[str, np.ndarray] = {"sample": np.arange(1.0, len(readings) + 1)}
-    for name in parts[0][1]:
+    for name in contacts[0][1]:
         columns[name] = np.concatenate(
-            [np.full(len(part), float(keys[name])) for part, keys in parts]
+            [np.full(len(part), float(keys[name])) for part, keys in contacts]
         )
     for joint, cells in enumerate(readings.T, 1):
         slides = arm.robot.prismatic[joint - 1]
@@ -255,7 +255,7 @@ def _rounded(name: str, cells: np.ndarray) -> np.ndarray:
     return np.round(cells, 9 if name in ("qw", "qx", "qy", "qz") else 5)
 
 
-def _without(recording: Recording, *names: str) -> Recording:
+def _drop_columns(recording: Recording, *names: str) -> Recording:
     columns = {name: cells for name, cells in recording.columns.items() if name not in names}
     return replace(recording, columns=columns)
 

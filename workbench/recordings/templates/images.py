@@ -115,8 +115,8 @@ def write_reachable_scene(path: Path, scene: str, keys: Mapping) -> None:
     """
     robot = load_robot(keys, str(path))
     ratio = float(np.abs(robot.geometry[:, 1:3]).sum()) / _EXAMPLE_REACH_MM
-    for share, away, below in product(_SHARES, _AWAY_MM, _BELOW_MM):
-        base = [-ratio * away, -30.0 * ratio, ratio * below]
+    for share, distance, height in product(_SHARES, _AWAY_MM, _BELOW_MM):
+        base = [-ratio * distance, -30.0 * ratio, ratio * height]
         numbers = ", ".join(f"{value:.1f}" for value in base)
         placed = scene.replace(_EXAMPLE_BASE, f"xyz_mm = [{numbers}]")
         path.write_text(f"{share}{placed}", encoding="utf-8")

@@ -59,7 +59,7 @@ def example(kind: str, folder: Path, progress: Callable[[str], None], seed: int 
     }[kind](folder, progress, seed)
 
 
-def _scene(seed: int, **more) -> Scene:
+def _scene(seed: int, **options) -> Scene:
     """The instrument of all examples with images: 480 x 384 px at 125 mm."""
     keys = {
         "title": "example",
@@ -72,7 +72,7 @@ def _scene(seed: int, **more) -> Scene:
         "laser": {"width_mm": _WIDTH_MM, "peak": 0.7, "speckle_contrast": 0.1},
         "board": {"columns": 9, "rows": 6, "square_mm": 5.0, "dark": 0.2},
     }
-    return Scene(**(keys | more))
+    return Scene(**(keys | options))
 
 
 def _fixed_laser() -> dict:
@@ -211,9 +211,9 @@ def _views_of_ball(count: int, rng, distance: float) -> np.ndarray:
     """(count, 4, 4) T_base_sensor that look at the ball from many sides."""
     tilts = Rotation.from_euler("xyz", rng.uniform(-35, 35, (count, 3)), degrees=True).as_matrix()
     rotations = _rotation(180.0, 0.0, 0.0) @ tilts
-    aside = np.stack([rng.uniform(-12, 12, count), np.zeros(count), rng.uniform(-8, 8, count)], 1)
-    inside = aside + [0.0, 0.0, distance]
-    return transform(rotations, _SPHERE - np.einsum("nij,nj->ni", rotations, inside))
+    offsets = np.stack([rng.uniform(-12, 12, count), np.zeros(count), rng.uniform(-8, 8, count)], 1)
+    centres = offsets + [0.0, 0.0, distance]
+    return transform(rotations, _SPHERE - np.einsum("nij,nj->ni", rotations, centres))
 
 
 def _surface_recording(folder: Path, sensor, points, title: str, rng) -> Recording:
@@ -264,8 +264,8 @@ def _camera_3d(folder: Path, progress, seed: int) -> Example:
     for pose in sensor:
         centre = pose[:3, :3].T @ (_SPHERE - pose[:3, 3])
         tilt = np.arccos(rng.uniform(0.5, 1.0, 300))
-        about = rng.uniform(0, 2 * np.pi, 300)
-        side = np.stack([np.cos(about), np.sin(about)]) * np.sin(tilt)
+        azimuth = rng.uniform(0, 2 * np.pi, 300)
+        side = np.stack([np.cos(azimuth), np.sin(azimuth)]) * np.sin(tilt)
         cap = centre[:, None] + _RADIUS * np.stack([*side, -np.cos(tilt)])
         sight = cap / np.linalg.norm(cap, axis=0)
         points.append(cap + sight * 0.03 * rng.normal(size=len(tilt)))

@@ -14,9 +14,9 @@ _CURVE_POINTS = 800
 
 @dataclass(frozen=True)
 class Kind:
-    """Kind of error: `what` in words, its `unit`, and the `prefix` of its keys in an error block."""
+    """Kind of error: `quantity` in words, its `unit`, and the `prefix` of its keys in an error block."""
 
-    what: str
+    quantity: str
     unit: str
     prefix: str
     name: str
@@ -34,17 +34,17 @@ ROTATION = Kind("rotation angle", "deg", "rotation_", "orientation")
 class Errors:
     """Residuals (k, n) in the unit of their `kind`, predicted minus measured, frame of the measurement.
 
-    The residual is the held-out one where it exists (`held`, (n,) bool), else that of the fit. `distance` (n,)
+    The residual is the held-out one where it exists (`is_held_out`, (n,) bool), else that of the fit. `distance` (n,)
     is its length. `sigma`: standard deviation of one coordinate (root mean square over the samples), None if
-    unknown. `parts`: measured components of the k; 1 if a sample is a length. `axes`: names of the components,
+    unknown. `coordinates`: measured components of the k; 1 if a sample is a length. `axes`: names of the components,
     empty if their frame changes from sample to sample. `fit`, `nominal` (n,): lengths of the residuals of the
     fit and of the nominal geometry.
     """
 
     residual: np.ndarray
-    held: np.ndarray
+    is_held_out: np.ndarray
     sigma: float | None
-    parts: int = 3
+    coordinates: int = 3
     kind: Kind = POSITION
     axes: tuple[str, ...] = ("x", "y", "z")
     fit: np.ndarray | None = None
@@ -57,7 +57,7 @@ class Errors:
     @property
     def rows(self) -> dict[str, np.ndarray]:
         """Name -> (n,): every component, then the length of the residual."""
-        return dict(zip(self.axes, self.residual)) | {self.kind.what: self.distance}
+        return dict(zip(self.axes, self.residual)) | {self.kind.quantity: self.distance}
 
 
 def errors_of(calibration) -> Errors:
@@ -80,14 +80,14 @@ def rotation_errors_of(calibration) -> Errors | None:
     if not residuals or not len(residuals["fit"]):
         return None
     is_judged = np.isfinite(residuals["held_out"]).all(0)
-    parts = len(residuals["fit"])
+    coordinates = len(residuals["fit"])
     return Errors(
         np.where(is_judged, residuals["held_out"], residuals["fit"]),
         is_judged,
         _root_mean_square(calibration.recording.columns.get("sigma_deg")),
-        parts,
+        coordinates,
         ROTATION,
-        ("rx", "ry", "rz") if parts == 3 else (),
+        ("rx", "ry", "rz") if coordinates == 3 else (),
         np.linalg.norm(residuals["fit"], axis=0),
         np.linalg.norm(residuals["nominal"], axis=0),
     )
@@ -116,10 +116,10 @@ def _spread(calibration, errors: Errors) -> dict:
     return {
         "id": kind.prefix,
         "title": kind.name,
-        "what": kind.what,
+        "what": kind.quantity,
         "histogram": style.packed(histogram(errors, calibration.held_out)),
         "cumulative": style.packed(cumulative(errors)),
-        "noise": noise_sentence(errors.sigma, calibration.held_out, errors.parts, kind),
+        "noise": noise_sentence(errors.sigma, calibration.held_out, errors.coordinates, kind),
     }
 
 
@@ -127,20 +127,20 @@ FIGURES = {"rms": "RMS", "mean": "mean", "p95": "95 % below", "max": "max"}
 _BLOCKS = {"nominal": "nominal geometry, held out", "fit": "fit", "held_out": "held out"}
 
 
-def error_rows(calibration, every) -> list[tuple[str, ...]]:
+def error_rows(calibration, all_errors) -> list[tuple[str, ...]]:
     """Rows of the table of errors: block, kind with unit, and the four figures as text."""
-    kinds = [errors.kind for errors in every if errors is not None]
+    kinds = [errors.kind for errors in all_errors if errors is not None]
     rows = []
     for block, name in _BLOCKS.items():
         figures = getattr(calibration, block)
         for kind in kinds:
             values = [rounded(figures.get(kind.key(figure))) for figure in FIGURES]
-            rows.append((name, f"{kind.what} ({kind.unit})", *values))
+            rows.append((name, f"{kind.quantity} ({kind.unit})", *values))
     return rows
 
 
 def noise_sentence(
-    sigma: float | None, held_out: dict, parts: int = 3, kind: Kind = POSITION
+    sigma: float | None, held_out: dict, coordinates: int = 3, kind: Kind = POSITION
 ) -> str:
     """Compares the held-out error with the error that the stated instrument noise alone would cause."""
     if sigma is None:
@@ -148,27 +148,27 @@ def noise_sentence(
             f"The recording states no noise of the measured {kind.name}. These errors can therefore not be "
             "split into noise and model discrepancy."
         )
-    floor = np.sqrt(parts) * sigma
+    floor = np.sqrt(coordinates) * sigma
     ratio = held_out[kind.key("rms")] / floor
     coordinate = "per coordinate" if kind is POSITION else "per axis"
-    what = "distance" if parts == 1 else kind.what
+    quantity = "distance" if coordinates == 1 else kind.quantity
     return (
         f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}. Noise alone causes an RMS "
-        f"{what} of {_root(parts)} = {rounded(floor)} {kind.unit}. "
+        f"{quantity} of {_root(coordinates)} = {rounded(floor)} {kind.unit}. "
         f"The held-out RMS is {rounded(ratio)} times that."
     )
 
 
-def _root(parts: int) -> str:
-    return "σ" if parts == 1 else f"√{parts} σ"
+def _root(coordinates: int) -> str:
+    return "σ" if coordinates == 1 else f"√{coordinates} σ"
 
 
 def histogram(errors: Errors, held_out: dict) -> go.Figure:
     """Histogram of held-out errors, with the RMS of the noise, the RMS and the 95th percentile."""
-    distance = errors.distance[errors.held]
+    distance = errors.distance[errors.is_held_out]
     unit = errors.kind.unit
     counts, edges = np.histogram(distance, bins=_bins(distance))
-    figure = style.figure(370, f"{errors.kind.what}, predicted to measured ({unit})", "samples")
+    figure = style.figure(370, f"{errors.kind.quantity}, predicted to measured ({unit})", "samples")
     figure.add_bar(
         x=(edges[1:] + edges[:-1]) / 2,
         y=counts,
@@ -194,18 +194,18 @@ def histogram(errors: Errors, held_out: dict) -> go.Figure:
 
 def cumulative(errors: Errors) -> go.Figure:
     """Cumulative distribution of the errors, logarithmic axis: nominal, fit, held-out, noise."""
-    across = f"{errors.kind.what}, predicted to measured ({errors.kind.unit}, logarithmic)"
-    figure = style.figure(370, across, "share of samples (%)")
+    x_title = f"{errors.kind.quantity}, predicted to measured ({errors.kind.unit}, logarithmic)"
+    figure = style.figure(370, x_title, "share of samples (%)")
     for name, distance, colour, dash, width in (
         ("nominal geometry", errors.nominal, style.GREY, "dot", 2),
         ("fit", errors.fit, style.GREEN, "dash", 2),
-        ("held out", errors.distance[errors.held], style.BLUE, "solid", 3),
+        ("held out", errors.distance[errors.is_held_out], style.BLUE, "solid", 3),
     ):
         line = dict(color=colour, dash=dash, width=width)
         _add_curve(figure, name, *_ecdf(distance), line, errors.kind.unit)
     if errors.sigma:
         share = np.linspace(0.005, 0.995, 200)
-        noise = errors.sigma * np.sqrt(chi2.ppf(share, errors.parts))
+        noise = errors.sigma * np.sqrt(chi2.ppf(share, errors.coordinates))
         line = dict(color=style.ORANGE, width=2, dash="dashdot")
         _add_curve(figure, "noise alone", noise, 100 * share, line, errors.kind.unit)
     ends = np.concatenate([trace.x for trace in figure.data])
@@ -222,8 +222,8 @@ def _marks(errors, held_out):
     ]
     if not errors.sigma:
         return marks
-    name = f"noise alone, RMS {_root(errors.parts)}"
-    return [*marks, (name, np.sqrt(errors.parts) * errors.sigma, style.GREY, "dot")]
+    name = f"noise alone, RMS {_root(errors.coordinates)}"
+    return [*marks, (name, np.sqrt(errors.coordinates) * errors.sigma, style.GREY, "dot")]
 
 
 def _bins(distance):

@@ -21,7 +21,7 @@ def section(calibration, errors, rotation=None, verdict: str = "") -> dict:
             for errors_of_kind in (errors, rotation)
             if errors_of_kind is not None
         ],
-        "meaning": meaning(calibration, errors.held),
+        "meaning": meaning(calibration, errors.is_held_out),
         "gain": gain(calibration),
         "caution": caution(calibration),
         "verdict": verdict,
@@ -34,7 +34,7 @@ def section(calibration, errors, rotation=None, verdict: str = "") -> dict:
 
 def _numbers(held_out: dict, kind: Kind) -> dict:
     values = [(name, rounded(held_out.get(kind.key(figure)))) for figure, name in FIGURES.items()]
-    return {"what": kind.what, "unit": kind.unit, "numbers": values}
+    return {"what": kind.quantity, "unit": kind.unit, "numbers": values}
 
 
 def meaning(calibration, is_judged: np.ndarray) -> str:
@@ -85,13 +85,13 @@ def caution(calibration) -> str:
     if suspects:
         words.append(
             f"Possible outliers, included in these numbers: {counted(suspects, 'sample')} "
-            f"(number {_some(calibration.suspects)})."
+            f"(number {_listed_numbers(calibration.suspects)})."
         )
     noise = getattr(calibration, "noise", None)
     words.extend(noise.warnings if noise is not None else ())
     return " ".join(words)
 
 
-def _some(numbers):
-    more = f" and {len(numbers) - 12} more" if len(numbers) > 12 else ""
-    return ", ".join(map(str, numbers[:12])) + more
+def _listed_numbers(numbers):
+    unlisted = f" and {len(numbers) - 12} more" if len(numbers) > 12 else ""
+    return ", ".join(map(str, numbers[:12])) + unlisted

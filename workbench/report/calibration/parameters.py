@@ -47,13 +47,13 @@ def null_space(calibration) -> list[str]:
     return [sentence(shortened(words)) for words in calibration.solution.null_sentences]
 
 
-def shortened(words: str, most: int = 8) -> str:
-    """A sentence that lists at most `most` items; the JSON lists all of them."""
-    parts = words.split(", ")
-    if len(parts) <= most + 2:
+def shortened(words: str, max_items: int = 8) -> str:
+    """A sentence that lists at most `max_items` items; the JSON lists all of them."""
+    items = words.split(", ")
+    if len(items) <= max_items + 2:
         return words
-    more = len(parts) - most + (" and " in parts[-1])
-    return f"{', '.join(parts[:most])} and {more} more (listed in the JSON)"
+    unlisted_count = len(items) - max_items + (" and " in items[-1])
+    return f"{', '.join(items[:max_items])} and {unlisted_count} more (listed in the JSON)"
 
 
 def count(parameters) -> str:
@@ -75,7 +75,7 @@ def group(where: str, parameters: list[dict], labels: Mapping[str, str]) -> dict
     """One fold-out group with its one-line summary; labels: key of a parameter -> what it is in words."""
     free = [p for p in parameters if p["free"]]
     statuses = Counter(p["status"] for p in parameters)
-    parts = [
+    counts = [
         f"{statuses[name]} {name}"
         for name in ("estimated", "not identifiable", "held")
         if statuses[name]
@@ -84,7 +84,7 @@ def group(where: str, parameters: list[dict], labels: Mapping[str, str]) -> dict
         "where": where.replace("-", " "),
         "rows": [row(p, labels) for p in parameters],
         "lost": sum(not p["identifiable"] for p in free),
-        "summary": ", ".join(parts) + _largest(free),
+        "summary": ", ".join(counts) + _largest(free),
     }
 
 
@@ -123,9 +123,11 @@ def state(p: dict, labels: Mapping[str, str]) -> str:
     return sentence(why or p["status"] + tied)
 
 
-def _several(keys, most=4):
+def _several(keys, max_names=4):
     """The first names, and the number of further ones."""
-    return listed([*keys[:most], *([f"{len(keys) - most} more"] if len(keys) > most else [])])
+    return listed(
+        [*keys[:max_names], *([f"{len(keys) - max_names} more"] if len(keys) > max_names else [])]
+    )
 
 
 def _largest(free):
@@ -137,10 +139,10 @@ def _largest(free):
     ]
     if not sizes:
         return ""
-    size, most = max(sizes, key=lambda pair: pair[0])
-    unit, factor = shown_unit(most["unit"])
-    change = _signed(factor * _change(most), decimals_of(factor * most["std"]))
-    return f"; most significant deviation {most['name']} {change} {unit} ({_whole(size)} σ)"
+    size, largest_row = max(sizes, key=lambda pair: pair[0])
+    unit, factor = shown_unit(largest_row["unit"])
+    change = _signed(factor * _change(largest_row), decimals_of(factor * largest_row["std"]))
+    return f"; most significant deviation {largest_row['name']} {change} {unit} ({_sigma_text(size)} σ)"
 
 
 def _nominal(p):
@@ -170,10 +172,10 @@ def _signed(value, decimals, digits=6):
     return ("+" if value is not None and value > 0 else "") + _number(value, decimals, digits)
 
 
-def _whole(size):
+def _sigma_text(size):
     """A multiple of sigma: one decimal below 10, none above."""
     return fixed(size, 1 if size < 9.95 else 0)
 
 
 def _sigmas(change, std):
-    return "–" if change is None or not std else _whole(abs(change) / std)
+    return "–" if change is None or not std else _sigma_text(abs(change) / std)

@@ -51,25 +51,25 @@ def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict
             if errors_of_kind is not None
         ],
         "menu": [label for label, _ in found],
-        "thinned": style.thinned_sentence(len(errors.held)),
+        "thinned": style.thinned_sentence(len(errors.is_held_out)),
         "constant": constant,
-        "held": int(errors.held.sum()),
-        "n": len(errors.held),
+        "held": int(errors.is_held_out.sum()),
+        "n": len(errors.is_held_out),
     }
 
 
 def _of_kind(found: list[tuple[str, np.ndarray]], errors: Errors, names: Mapping) -> dict:
-    every = [bin_residuals(label, x, errors) for label, x in found]
-    shown = int(np.argmax([dependence.share for dependence in every]))
-    drawn = style.thinned(len(errors.held))
+    dependences = [bin_residuals(label, x, errors) for label, x in found]
+    shown = int(np.argmax([dependence.share for dependence in dependences]))
+    drawn = style.thinned(len(errors.is_held_out))
     return {
         "id": errors.kind.prefix,
         "title": errors.kind.name,
-        "overview": style.packed(overview(every, errors, names)),
-        "detail": style.packed(detail(every[shown], errors, drawn)),
+        "overview": style.packed(overview(dependences, errors, names)),
+        "detail": style.packed(detail(dependences[shown], errors, drawn)),
         "shown": shown,
-        "data": menu_data(every, drawn),
-        "most": f"{every[shown].label} ({_percent(every[shown].share)})",
+        "data": menu_data(dependences, drawn),
+        "most": f"{dependences[shown].label} ({_percent(dependences[shown].share)})",
         "rows": listed(list(errors.rows)),
     }
 
@@ -96,9 +96,9 @@ def bin_residuals(label: str, x: np.ndarray, errors: Errors) -> ResidualDependen
     bins = _bins_of(x)
     count = np.bincount(bins)
     means = np.stack([np.bincount(bins, row) / count for row in rows])
-    judged = max(len(errors.axes), 1)
-    residual = rows[:judged]
-    remaining_squares = ((residual - means[:judged, bins]) ** 2).sum()
+    axis_count = max(len(errors.axes), 1)
+    residual = rows[:axis_count]
+    remaining_squares = ((residual - means[:axis_count, bins]) ** 2).sum()
     total = ((residual - residual.mean(1, keepdims=True)) ** 2).sum()
     adjusted = 1 - remaining_squares / max(total, 1e-300) * (len(x) - 1) / max(
         len(x) - len(count), 1
@@ -109,16 +109,16 @@ def bin_residuals(label: str, x: np.ndarray, errors: Errors) -> ResidualDependen
 
 
 def overview(
-    every: list[ResidualDependence], errors: Errors, names: Mapping = MappingProxyType({})
+    dependences: list[ResidualDependence], errors: Errors, names: Mapping = MappingProxyType({})
 ) -> go.Figure:
     """Small multiples: mean residual of each bin, on a common scale.
 
     names: column of groups -> their names in the recording, which then stand at the axis instead of numbers.
     """
-    rows = -(-len(every) // _PANELS_ACROSS)
+    rows = -(-len(dependences) // _PANELS_ACROSS)
     titles = [
         f"{dependence.label.split(' (row')[0].removesuffix(' (number)')} · {_percent(dependence.share)}"
-        for dependence in every
+        for dependence in dependences
     ]
     lines = list(zip(errors.rows, _colours(errors)))[: max(len(errors.axes), 1)]
     plot = make_subplots(
@@ -129,7 +129,7 @@ def overview(
         horizontal_spacing=0.025,
         vertical_spacing=min(0.36 / rows, 0.3),
     )
-    for k, dependence in enumerate(every):
+    for k, dependence in enumerate(dependences):
         for (name, colour), mean in zip(lines, dependence.means):
             plot.add_scatter(
                 x=dependence.centres,
@@ -156,7 +156,7 @@ def overview(
     )
     plot.update_yaxes(col=1, title_text=f"mean ({errors.kind.unit})", title_font_size=11.5)
     plot.update_xaxes(nticks=5, tickfont_size=10.5)
-    for k, dependence in enumerate(every):
+    for k, dependence in enumerate(dependences):
         if dependence.label.endswith("(number)") and len(dependence.centres) <= 8:
             ticks = dict(
                 tickvals=dependence.centres,
@@ -214,7 +214,7 @@ def _colours(errors: Errors) -> tuple[str, ...]:
     return (*list(style.COMPONENTS.values())[: len(errors.axes)], style.DISTANCE)
 
 
-def menu_data(every: list[ResidualDependence], drawn: np.ndarray) -> str:
+def menu_data(dependences: list[ResidualDependence], drawn: np.ndarray) -> str:
     """JSON: label, values, bin centres and bin means for each entry of the menu."""
     return style.safe(
         json.dumps(
@@ -225,7 +225,7 @@ def menu_data(every: list[ResidualDependence], drawn: np.ndarray) -> str:
                     "centres": np.round(dependence.centres, 5).tolist(),
                     "means": np.round(dependence.means, 6).tolist(),
                 }
-                for dependence in every
+                for dependence in dependences
             ]
         )
     )
@@ -234,10 +234,10 @@ def menu_data(every: list[ResidualDependence], drawn: np.ndarray) -> str:
 def _bins_of(x):
     """(n,) index of the bin: one bin per value if there are few, else about twelve of equal count."""
     values, index = np.unique(x, return_inverse=True)
-    most = int(np.clip(len(x) // 10, 2, 12))
-    if len(values) <= most:
+    max_bins = int(np.clip(len(x) // 10, 2, 12))
+    if len(values) <= max_bins:
         return index
-    edges = np.unique(np.quantile(x, np.linspace(0, 1, most + 1)[1:-1]))
+    edges = np.unique(np.quantile(x, np.linspace(0, 1, max_bins + 1)[1:-1]))
     return np.unique(np.searchsorted(edges, x, side="right"), return_inverse=True)[1]
 
 

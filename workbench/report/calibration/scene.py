@@ -40,22 +40,26 @@ def section(calibration, errors: Errors) -> dict:
         "scale": f"{scene.scale:,.0f}",
         "anchor": scene.anchor,
         "sample": sample,
-        "thinned": style.thinned_sentence(len(errors.held)),
+        "thinned": style.thinned_sentence(len(errors.is_held_out)),
     }
 
 
 def scene_of(calibration) -> Scene:
     """Feet, arrows and arm. If all points coincide, the arrows start at the flange."""
-    flange, links, at = arm(calibration)
+    flange, links, middle_sample = arm(calibration)
     points = calibration.points
     residual = calibration.residual_in_root
-    together = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
+    is_one_point = _diagonal(points) < 0.05 * _diagonal(np.hstack([flange, links]))
     feet, anchor = (
-        (flange, "the nominal flange of its pose") if together else (points, "its measured point")
+        (flange, "the nominal flange of its pose")
+        if is_one_point
+        else (points, "its measured point")
     )
     scale = arrow_scale(np.hstack([feet, links]), residual)
-    same = calibration.recording.poses == calibration.recording.poses[at]
-    return Scene(feet, feet + scale * residual, links, points[:, same], at, scale, anchor)
+    same = calibration.recording.poses == calibration.recording.poses[middle_sample]
+    return Scene(
+        feet, feet + scale * residual, links, points[:, same], middle_sample, scale, anchor
+    )
 
 
 def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
@@ -65,12 +69,16 @@ def arm(calibration) -> tuple[np.ndarray, np.ndarray, int]:
     variables = robot.mixing @ recording.joints.T
     middle = np.median(variables, axis=1, keepdims=True)
     spread = np.maximum(variables.std(1, keepdims=True), 1e-9)
-    at = int(np.argmin((((variables - middle) / spread) ** 2).sum(0)))
+    middle_sample = int(np.argmin((((variables - middle) / spread) ** 2).sum(0)))
     frames = forward(robot, variables, links=True)
     links = np.vstack(
-        [frames.pivot[:1, :, at], frames.origin[:, :, at], frames.end_origin[None, :, at]]
+        [
+            frames.pivot[:1, :, middle_sample],
+            frames.origin[:, :, middle_sample],
+            frames.end_origin[None, :, middle_sample],
+        ]
     )
-    return frames.end_origin, links.T, at
+    return frames.end_origin, links.T, middle_sample
 
 
 def arrow_scale(places: np.ndarray, residual: np.ndarray) -> float:
@@ -88,7 +96,7 @@ def arrow_step(wanted: float) -> float:
 
 def figure(scene: Scene, errors: Errors) -> go.Figure:
     """Arrows as lines from a coloured point; the arm as a thick line with its joints."""
-    drawn = style.thinned(len(errors.held))
+    drawn = style.thinned(len(errors.is_held_out))
     feet = scene.feet[:, drawn]
     tips = scene.tips[:, drawn]
     distance = errors.distance[drawn]

@@ -16,7 +16,7 @@ def section(calibration) -> dict:
     ]
     return {
         "charts": charts,
-        "what": " and the ".join(kind.what for kind in kinds),
+        "what": " and the ".join(kind.quantity for kind in kinds),
         "rows": [row(stage, kinds) for stage in calibration.stages],
         "left_out": left_out(calibration.stages),
     }
@@ -60,7 +60,7 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
     """Held-out RMS by stage, from top to bottom: a step line through the retained stages."""
     lines = _lines(calibration, kind)
     unit = kind.unit
-    plot = style.figure(92 + 34 * len(lines), f"RMS of the {kind.what} ({unit}, logarithmic)")
+    plot = style.figure(92 + 34 * len(lines), f"RMS of the {kind.quantity} ({unit}, logarithmic)")
     retained = [line for line in lines if line[3]]
     plot.add_scatter(
         x=[line[1] for line in retained],

@@ -71,9 +71,9 @@ def _stages(axes, calibration):
     axes.scatter(
         values, rows, color=[style.BLUE if k else style.GREY for k in is_retained], zorder=3
     )
-    for value, at in zip(values, rows):
+    for value, y in zip(values, rows):
         axes.annotate(
-            rounded(value), (value, at), (8, 0), textcoords="offset points", va="center", size=8.5
+            rounded(value), (value, y), (8, 0), textcoords="offset points", va="center", size=8.5
         )
     axes.set(
         yticks=rows,
@@ -90,14 +90,14 @@ def _spread(axes, calibration, errors):
     nominal = np.linalg.norm(calibration.nominal_residual, axis=0)
     for name, distance, colour in (
         ("nominal", nominal, style.GREY),
-        ("held out", errors.distance[errors.held], style.BLUE),
+        ("held out", errors.distance[errors.is_held_out], style.BLUE),
     ):
         axes.ecdf(distance[np.isfinite(distance)], label=name, color=colour, lw=2)
     axes.set(xscale="log", xlabel="3-D distance (mm)", title="cumulative share of samples")
     axes.yaxis.set_major_formatter("{x:.0%}")
     style.legend_above(axes)
-    both = np.concatenate([nominal, errors.distance[errors.held]])
-    _quiet(axes, both[both > 0].min(), np.nanmax(both))
+    all_errors = np.concatenate([nominal, errors.distance[errors.is_held_out]])
+    _quiet(axes, all_errors[all_errors > 0].min(), np.nanmax(all_errors))
 
 
 def _space(axes, calibration):
@@ -122,7 +122,7 @@ def _space(axes, calibration):
 
 def _quiet(axes, low, high):
     """Logarithmic axis from `low` to `high` with plain tick labels, a light grid, two spines."""
-    ticks = style.log_axis(low, high, most=6)
+    ticks = style.log_axis(low, high, max_ticks=6)
     axes.set_xlim(low, high)
     axes.set_xticks(ticks["tickvals"], ticks["ticktext"])
     axes.set_xticks([], minor=True)

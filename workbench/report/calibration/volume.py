@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 _CELLS = 48  # along the longest side
-_NEAR = 2.5  # a point farther than this from every pose, in spacings of the poses, has no value
+_MAX_SPACINGS = (
+    2.5  # a point farther than this from every pose, in spacings of the poses, has no value
+)
 _SIZE = (1100, 820)
 _log = logging.getLogger(__name__)
 
@@ -26,7 +28,7 @@ def volume(places: np.ndarray, error: np.ndarray):
     grid = pyvista.ImageData(dimensions=counts, spacing=(step,) * 3, origin=low)
     cloud = pyvista.PolyData(np.ascontiguousarray(places.T))
     cloud["error_mm"] = error
-    radius = _NEAR * float(np.prod(high - low) / places.shape[1]) ** (1 / 3)
+    radius = _MAX_SPACINGS * float(np.prod(high - low) / places.shape[1]) ** (1 / 3)
     return grid.interpolate(
         cloud, radius=radius, sharpness=3.0, strategy="null_value", null_value=np.nan
     )
@@ -66,8 +68,8 @@ def _drawn(grid, arm: np.ndarray, path: Path):
     solid = grid.threshold(
         -1.0, scalars="error_mm", all_scalars=True
     )  # drops cells without a value
-    (_, right), (near, _), upright = np.asarray(solid.bounds).reshape(3, 2)
-    front = [base[0], right, near, base[1], *upright]
+    (_, right), (front_y, _), upright = np.asarray(solid.bounds).reshape(3, 2)
+    front = [base[0], right, front_y, base[1], *upright]
     plotter = pyvista.Plotter(off_screen=True, window_size=list(_SIZE))
     plotter.set_background("white")
     plotter.add_mesh(

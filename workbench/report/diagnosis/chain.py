@@ -8,7 +8,7 @@ from workbench.explanation.result import Diagnosis
 from workbench.explanation.sentences import words as said
 from workbench.report import style
 
-_APART = ("time", "noise", "samples")
+_OUTSIDE_CHAIN = ("time", "noise", "samples")
 _DISTANCE_APART = 3.0  # between places outside the chain, so that the names of their findings fit
 _SMALL = 13
 _LARGE = 46
@@ -17,9 +17,9 @@ _LARGE = 46
 def chain(diagnosis: Diagnosis) -> go.Figure:
     """Joints and links in a row from the base to sensor and target; places outside the chain below."""
     places = places_of(diagnosis)
-    row = [where for where in places if where not in _APART]
+    row = [where for where in places if where not in _OUTSIDE_CHAIN]
     share = {where: share_at(diagnosis, where) for where in places}
-    x, y = _where(row, [where for where in places if where in _APART])
+    x, y = _where(row, [where for where in places if where in _OUTSIDE_CHAIN])
     drawn = style.figure(350)
     _line(drawn, x, y, row)
     _marks(drawn, places, x, y, share)
@@ -35,11 +35,15 @@ _SHORT = {"joint": "J", "link": "L", "ball": "ball "}
 def places_of(diagnosis: Diagnosis) -> list[str]:
     """Places of the chain in order, and further places with a finding."""
     known = list(diagnosis.views.chain) if diagnosis.views else []
-    more = [located.where for located in diagnosis.located] + [
+    all_places = [located.where for located in diagnosis.located] + [
         term.finding.where for term in diagnosis.terms
     ]
-    balls = sorted({where for where in more if Place.of(where).kind == "ball"})
-    return [*known, *balls, *(w for w in dict.fromkeys(more) if w not in known and w not in balls)]
+    balls = sorted({where for where in all_places if Place.of(where).kind == "ball"})
+    return [
+        *known,
+        *balls,
+        *(w for w in dict.fromkeys(all_places) if w not in known and w not in balls),
+    ]
 
 
 def share_at(diagnosis: Diagnosis, where: str) -> float:
@@ -127,13 +131,13 @@ def side(x: float, first: float, last: float) -> str:
 
 def _names(drawn, diagnosis, places, x, y):
     """Names of the findings: above their places, to the right of those outside the chain."""
-    at: dict[str, list] = {}
+    names_by_place: dict[str, list] = {}
     for term in diagnosis.terms:
-        at.setdefault(term.finding.where, []).append(term.finding.effect)
-    for k, where in enumerate(w for w in places if w in at):
-        text = "<br>".join(dict.fromkeys(at[where]))
+        names_by_place.setdefault(term.finding.where, []).append(term.finding.effect)
+    for k, where in enumerate(w for w in places if w in names_by_place):
+        text = "<br>".join(dict.fromkeys(names_by_place[where]))
         blue = dict(size=11, color=style.BLUE)
-        if where in _APART:
+        if where in _OUTSIDE_CHAIN:
             drawn.add_annotation(
                 x=x[where] + 0.3,
                 y=y[where],

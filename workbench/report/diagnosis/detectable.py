@@ -24,7 +24,7 @@ def detectable(diagnosis: Diagnosis):
         "against the most confounded effect."
     )
     order = sorted(
-        diagnosis.visible,
+        diagnosis.detectable,
         key=lambda bias: bias.size if bias.size is not None else np.inf,
     )
     folded = fold_variants(order)
@@ -53,11 +53,11 @@ def fold_variants(biases: Sequence[DetectableBias]) -> list[list[DetectableBias]
         groups.setdefault((bias.effect, bias.where), []).append(bias)
     folded = []
     for bias in biases:
-        mine = groups[bias.effect, bias.where]
-        if len(mine) < _MANY_VARIANTS:
+        variants = groups[bias.effect, bias.where]
+        if len(variants) < _MANY_VARIANTS:
             folded.append([bias])
-        elif bias is mine[0]:
-            folded.append(mine)
+        elif bias is variants[0]:
+            folded.append(variants)
     return folded
 
 
@@ -65,7 +65,7 @@ def _detectable_row(variants: Sequence[DetectableBias]) -> tuple:
     """One row of the table; of several variants with the range from the smallest to the largest."""
     first = variants[0]
     label = f"{len(variants)} variants" if len(variants) > 1 else first.label
-    most = max(
+    representative = max(
         variants, key=lambda bias: sum(_has_same_alternative(bias, other) for other in variants)
     )
     return (
@@ -78,13 +78,18 @@ def _detectable_row(variants: Sequence[DetectableBias]) -> tuple:
         ),
         _range([bias.orthogonal_share for bias in variants], lambda share: f"{100 * share:.1f} %"),
         _range([bias.separable for bias in variants], lambda size: rounded(size, 2)),
-        f"{most.alternative} at {said.place(most.alternative_where)}" if most.alternative else "–",
+        f"{representative.alternative} at {said.place(representative.alternative_where)}"
+        if representative.alternative
+        else "–",
     )
 
 
-def _has_same_alternative(one: DetectableBias, other: DetectableBias) -> bool:
+def _has_same_alternative(first: DetectableBias, second: DetectableBias) -> bool:
     """Whether two biases have the same most confounded effect."""
-    return (one.alternative, one.alternative_where) == (other.alternative, other.alternative_where)
+    return (first.alternative, first.alternative_where) == (
+        second.alternative,
+        second.alternative_where,
+    )
 
 
 def _range(values: Sequence[float | None], text: Callable[[float], str]) -> str:

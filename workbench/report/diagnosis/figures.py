@@ -16,8 +16,8 @@ _COLOURS = {"before": style.GREY, "after": style.BLUE}
 _MOST_PANELS = 6
 _BINS = 20
 _LOOKED = 5000
-_FEW = 4
-_ALIKE = 0.999
+_FEW_VALUES = 4
+_SAME_CORRELATION = 0.999
 
 
 def evidence(plot: Diagnosis) -> go.Figure:
@@ -45,8 +45,8 @@ def with_evidence(diagnosis: Diagnosis) -> list:
 
     A finding on the data (outliers, heteroscedastic noise) explains none and has no bar.
     """
-    every = (*diagnosis.terms, *diagnosis.refused)
-    return [term for term in every if np.isfinite(term.finding.gain) and term.finding.gain > 0]
+    all_terms = (*diagnosis.terms, *diagnosis.refused)
+    return [term for term in all_terms if np.isfinite(term.finding.gain) and term.finding.gain > 0]
 
 
 def _bar_text(term, unit):
@@ -74,7 +74,7 @@ def shares(found) -> go.Figure:
         text=[f"{r[1]:.3g} mm²" for r in rows],
     )
     values = [r[1] for r in rows] or [1.0]
-    drawn.update_xaxes(style.log_axis(min(values) / 5, max(values) * 5, most=9))
+    drawn.update_xaxes(style.log_axis(min(values) / 5, max(values) * 5, max_ticks=9))
     return drawn.update_layout(bargap=0.3, margin_l=250)
 
 
@@ -96,10 +96,10 @@ def held_out_rotation(plot: Diagnosis) -> go.Figure:
     return _fitted_to_traces(_shares_of_samples(plot.proof.angles, "deg"))
 
 
-def _shares_of_samples(every, unit: str) -> go.Figure:
+def _shares_of_samples(lengths_by_stage, unit: str) -> go.Figure:
     """Share of samples over errors (2, n) before and after."""
     drawn = style.figure(360, f"held-out error ({unit}, logarithmic)", "share of samples (%)")
-    for name, errors in zip(("before", "after"), every):
+    for name, errors in zip(("before", "after"), lengths_by_stage):
         ordered = np.sort(errors[np.isfinite(errors)])
         if not len(ordered):
             continue
@@ -122,14 +122,14 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
     return drawn.update_yaxes(range=[0, 101])
 
 
-def space(plot: Diagnosis, when: str) -> go.Figure:
+def space(plot: Diagnosis, stage: str) -> go.Figure:
     """Residuals as lines at the measured points, coloured by length, with the arm; both figures share one scale.
 
     Residuals without a direction are colours alone.
     """
     views = plot.views
     shown = style.thinned(views.points.shape[1])
-    residual = np.nan_to_num((views.before if when == "before" else views.after)[:3, shown])
+    residual = np.nan_to_num((views.before if stage == "before" else views.after)[:3, shown])
     before = np.nan_to_num(views.before[:3, shown])
     feet = views.points[:, shown]
     scale = arrow_scale(np.hstack([feet, views.links]), before)
@@ -182,7 +182,7 @@ def _xyz(points) -> dict:
     return dict(zip("xyz", np.round(points, 3)))
 
 
-def image(plot: Diagnosis, when: str) -> go.Figure:
+def image(plot: Diagnosis, stage: str) -> go.Figure:
     """Length of the residual over the position in the image."""
     views = plot.views
     shown = style.thinned(views.points.shape[1])
@@ -198,7 +198,7 @@ def image(plot: Diagnosis, when: str) -> go.Figure:
         showlegend=False,
         marker=dict(
             size=3,
-            color=lengths[when],
+            color=lengths[stage],
             colorscale="Viridis",
             cmin=0,
             cmax=float(np.percentile(lengths["before"], 98)),
@@ -209,7 +209,7 @@ def image(plot: Diagnosis, when: str) -> go.Figure:
     return drawn.update_yaxes(autorange="reversed", scaleanchor="x", constrain="domain")
 
 
-def over(plot: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
+def residual_panels(plot: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
     """(covariate, figure) of the residual components over the relevant covariates, then over time."""
     views = plot.views
     low, high = extent(np.concatenate([*views.before, *views.after]))
@@ -221,9 +221,9 @@ def over(plot: Diagnosis) -> Iterator[tuple[str, go.Figure]]:
             1, len(views.before), shared_yaxes=True, horizontal_spacing=0.03, subplot_titles=titles
         )
         drawn.update_layout(template="none", height=300, margin=dict(l=64, r=18, t=40, b=48))
-        for when, part in (("before", views.before), ("after", views.after)):
+        for stage, part in (("before", views.before), ("after", views.after)):
             for k, row in enumerate(part, 1):
-                _panel(drawn, k, x, row, shown, when)
+                _panel(drawn, k, x, row, shown, stage)
         middle = (
             len(views.before) + 1
         ) // 2  # once: a long title under every panel runs into the next
@@ -276,7 +276,7 @@ def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np
     return x, f"{words} ({unit})" if unit else words
 
 
-def _panel(drawn, k, x, row, shown, when):
+def _panel(drawn, k, x, row, shown, stage):
     size = 2.5
     drawn.add_scatter(
         x=x[shown],
@@ -286,18 +286,18 @@ def _panel(drawn, k, x, row, shown, when):
         hoverinfo="skip",
         row=1,
         col=k,
-        marker=dict(size=size, color=_COLOURS[when], opacity=0.25),
+        marker=dict(size=size, color=_COLOURS[stage], opacity=0.25),
     )
     centres, means = binned(x, row)
     drawn.add_scatter(
         x=centres,
         y=means,
         mode="lines",
-        name=when,
+        name=stage,
         showlegend=k == 1,
         row=1,
         col=k,
-        line=dict(color=_COLOURS[when], width=3),
+        line=dict(color=_COLOURS[stage], width=3),
     )
 
 
@@ -306,11 +306,11 @@ def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     is_finite = np.isfinite(row)
     x, row = x[is_finite], row[is_finite]
     values, place = np.unique(x, return_inverse=True)
-    if len(values) <= _FEW:
+    if len(values) <= _FEW_VALUES:
         return values, np.bincount(place, row) / np.bincount(place)
-    parts = np.array_split(np.argsort(x, kind="stable"), min(_BINS, max(len(x) // 8, 1)))
-    return np.array([x[p].mean() for p in parts if len(p)]), np.array(
-        [row[p].mean() for p in parts if len(p)]
+    bins = np.array_split(np.argsort(x, kind="stable"), min(_BINS, max(len(x) // 8, 1)))
+    return np.array([x[p].mean() for p in bins if len(p)]), np.array(
+        [row[p].mean() for p in bins if len(p)]
     )
 
 
@@ -336,7 +336,7 @@ def _same(x: np.ndarray, y: np.ndarray) -> bool:
     """True if two covariates differ in unit or sign only, such as a torque and the moment about the same axis."""
     if not (np.ptp(x) > 0 and np.ptp(y) > 0):
         return False
-    return abs(float(np.corrcoef(x, y)[0, 1])) > _ALIKE
+    return abs(float(np.corrcoef(x, y)[0, 1])) > _SAME_CORRELATION
 
 
 def fall(views, name: str) -> float:

@@ -342,14 +342,14 @@ def _residuals(diagnosis: Diagnosis):
     space = figures.space if diagnosis.views.links is not None else figures.image
     yield pair(
         *(
-            figure(f"space-{when}", space(diagnosis, when), text)
-            for when, text in (
+            figure(f"space-{stage}", space(diagnosis, stage), text)
+            for stage, text in (
                 ("before", "Baseline."),
                 ("after", "With the findings, on the same scale."),
             )
         )
     )
-    for k, (name, drawn) in enumerate(figures.over(diagnosis)):
+    for k, (name, drawn) in enumerate(figures.residual_panels(diagnosis)):
         yield figure(
             f"over-{k}",
             drawn,

@@ -46,7 +46,7 @@ def draw_summary(diagnosis: Diagnosis):
     )
     _chain(drawn.add_subplot(grid[0, :]), diagnosis)
     _errors(drawn.add_subplot(grid[1, 0]), diagnosis)
-    _over(drawn.add_subplot(grid[1, 1]), diagnosis)
+    _covariate_panel(drawn.add_subplot(grid[1, 1]), diagnosis)
     proof = diagnosis.proof
     drawn.text(
         0.02,
@@ -82,12 +82,12 @@ def _chain(axes, diagnosis):
         axes.annotate(
             text, (k, 0), (0, -34), textcoords="offset points", ha="center", va="top", size=8
         )
-    at: dict[str, list[str]] = {}
+    effects_by_place: dict[str, list[str]] = {}
     for term in diagnosis.terms:
-        at.setdefault(term.finding.where, []).append(term.finding.effect)
-    for i, where in enumerate(w for w in places if w in at):
+        effects_by_place.setdefault(term.finding.where, []).append(term.finding.effect)
+    for i, where in enumerate(w for w in places if w in effects_by_place):
         axes.annotate(
-            "\n".join(dict.fromkeys(at[where])),
+            "\n".join(dict.fromkeys(effects_by_place[where])),
             (places.index(where), 0),
             (0, 24 + 16 * (i % 3)),
             ha="center",
@@ -117,19 +117,19 @@ def _errors(axes, diagnosis):
     _quiet(axes)
 
 
-def _over(axes, diagnosis):
+def _covariate_panel(axes, diagnosis):
     if diagnosis.views is None or not diagnosis.views.covariates:
         axes.axis("off")
         return
     name = max(diagnosis.views.covariates, key=lambda covariate: fall(diagnosis.views, covariate))
     x, title = shown_covariate(name, diagnosis.views.covariates)
     k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in diagnosis.views.before]))
-    for when, part, colour in (
+    for stage, part, colour in (
         ("before", diagnosis.views.before, style.GREY),
         ("after", diagnosis.views.after, style.BLUE),
     ):
         axes.plot(x, part[k], ".", ms=2, alpha=0.3, color=colour)
-        axes.plot(*binned(x, part[k]), color=colour, lw=2.5, label=when)
+        axes.plot(*binned(x, part[k]), color=colour, lw=2.5, label=stage)
     axes.set(
         xlabel=title,
         title=f"residual in {diagnosis.views.names[k]} ({diagnosis.unit})",

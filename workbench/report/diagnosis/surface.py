@@ -24,7 +24,7 @@ _ERRORS = {
     "ball-surface": "Errors are distances of measured points from the ball.",
     "ball-centre": "Errors are the coordinates of measured ball centres in the base, less their mean.",
 }
-_WHEN = (("baseline", style.GREY), ("with findings", style.BLUE))
+_STAGES = (("baseline", style.GREY), ("with findings", style.BLUE))
 
 
 def page(diagnosis: SurfaceDiagnosis, answer: Mapping) -> Page:
@@ -88,7 +88,9 @@ def _effects(answer: Mapping):
     if alternatives:
         yield note("Alternatives", alternatives)
     if answer["refused"]:
-        yield note("Tested and not retained", [one["statement"] for one in answer["refused"]])
+        yield note(
+            "Tested and not retained", [refused["statement"] for refused in answer["refused"]]
+        )
     yield words(f"Next: {answer['next_experiment']}.", quiet=True)
 
 
@@ -97,14 +99,14 @@ def _errors(diagnosis: SurfaceDiagnosis):
         caption = (
             "Signed error. Lines are means of bins; they are flat where nothing depends on it."
         )
-        yield figure(f"error-{k}", _over(diagnosis, name, values), caption)
+        yield figure(f"error-{k}", _covariate_figure(diagnosis, name, values), caption)
 
 
-def _over(diagnosis: SurfaceDiagnosis, name: str, values: np.ndarray) -> go.Figure:
+def _covariate_figure(diagnosis: SurfaceDiagnosis, name: str, values: np.ndarray) -> go.Figure:
     plot = style.figure(300, _NAMES.get(name, covariate_name(name)), "held-out error, mm")
     shown = np.arange(0, len(values), 1 + len(values) // _POINTS)
-    for (when, colour), error in zip(_WHEN, (diagnosis.before, diagnosis.after)):
-        if when != _WHEN[0][0] and not diagnosis.retained:
+    for (stage, colour), error in zip(_STAGES, (diagnosis.before, diagnosis.after)):
+        if stage != _STAGES[0][0] and not diagnosis.retained:
             continue
         plot.add_scatter(
             x=values[shown],
@@ -116,14 +118,14 @@ def _over(diagnosis: SurfaceDiagnosis, name: str, values: np.ndarray) -> go.Figu
         )
         centres, means = binned(values, error)
         line = {"color": colour, "width": 3}
-        plot.add_scatter(x=centres, y=means, mode="lines", name=when, line=line)
+        plot.add_scatter(x=centres, y=means, mode="lines", name=stage, line=line)
     return plot
 
 
 def _detectable(answer: Mapping):
     rows = [
-        (one["effect"], one["where"], one["variant"], rounded(one["size_mm"]))
-        for one in answer["smallest_visible"]
+        (row["effect"], row["where"], row["variant"], rounded(row["size_mm"]))
+        for row in answer["smallest_visible"]
     ]
     yield table(["effect", "place", "law", "size, RMS (mm)"], rows, left=3)
     yield words("An effect of this size would be found with a probability of 95 %.", quiet=True)

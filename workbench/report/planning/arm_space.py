@@ -17,17 +17,17 @@ def flange_places(robot, joints: np.ndarray) -> np.ndarray:
     return forward(robot, robot.mixing @ joints.T).end_origin
 
 
-def poses_in_space(sets: Sequence[tuple[str, np.ndarray, str, float]]) -> go.Figure:
+def poses_in_space(point_sets: Sequence[tuple[str, np.ndarray, str, float]]) -> go.Figure:
     """Flange places (3, n) mm of several sets of poses: name, places, colour and size of the marks."""
     drawn = space.space()
-    for name, places, colour, size in sets:
+    for name, places, colour, size in point_sets:
         step = max(1, places.shape[1] // _MOST_POINTS)
         space.points(drawn, places[:, ::step], name, size=size, color=colour)
     space.points(drawn, np.zeros((3, 1)), "base", size=5, color=style.ORANGE, symbol="diamond")
     return drawn
 
 
-def joint_ranges(robot, sets: Sequence[tuple[str, np.ndarray, str]]) -> go.Figure:
+def joint_ranges(robot, reading_sets: Sequence[tuple[str, np.ndarray, str]]) -> go.Figure:
     """Range of each joint in sets of readings (n, R) rad or mm: name, readings and colour; over the stated limits."""
     count = robot.mixing.shape[1]
     slides = (robot.prismatic @ np.abs(robot.mixing)) > 0
@@ -37,7 +37,7 @@ def joint_ranges(robot, sets: Sequence[tuple[str, np.ndarray, str]]) -> go.Figur
     low, high = factor * robot.limits.T
     if np.isfinite(high - low).any():
         _bars(drawn, "limits", names, low, high, style.GREY, 0.75)
-    for number, (name, readings, colour) in enumerate(sets):
+    for number, (name, readings, colour) in enumerate(reading_sets):
         ends = factor * readings.min(0), factor * readings.max(0)
         _bars(drawn, name, names, *ends, colour, 0.5 / (number + 1))
     drawn.update_layout(barmode="overlay")

@@ -51,10 +51,10 @@ def _first(plans) -> str:
 
 def _errors(plans):
     names = [row["plan"] for row in plans]
-    for unit, prefix, what in (("mm", "", "position"), ("deg", "rotation_", "orientation")):
+    for unit, prefix, quantity in (("mm", "", "position"), ("deg", "rotation_", "orientation")):
         if f"held_out_{prefix}rms_{unit}" not in plans[0]:
             continue
-        drawn = style.figure(90 + 60 * len(plans), f"RMS {what} error ({unit})")
+        drawn = style.figure(90 + 60 * len(plans), f"RMS {quantity} error ({unit})")
         for kind, name, colour in (
             ("fit", "fitted", style.GREY),
             ("held_out", "held out", style.BLUE),
@@ -63,7 +63,7 @@ def _errors(plans):
             drawn.add_bar(x=values, y=names, orientation="h", name=name, marker_color=colour)
         drawn.update_yaxes(autorange="reversed")
         drawn.update_layout(barmode="group", bargap=0.3, margin_l=140)
-        yield figure(f"errors-{unit}", drawn, f"RMS {what} error of each plan.")
+        yield figure(f"errors-{unit}", drawn, f"RMS {quantity} error of each plan.")
     rows = [
         (
             row["plan"],
@@ -92,14 +92,14 @@ def _distribution(comparison: Comparison):
     kinds = [("3-D position error", "mm", comparison.distances)]
     if comparison.measures_orientation:
         kinds.append(("rotation angle", "deg", comparison.angles))
-    for what, unit, errors in kinds:
-        drawn = style.figure(360, f"{what}, held out ({unit})", "share of samples below (%)")
+    for quantity, unit, errors in kinds:
+        drawn = style.figure(360, f"{quantity}, held out ({unit})", "share of samples below (%)")
         for name, values, colour in zip(comparison.names, errors, _cycle(len(errors))):
             ordered = np.sort(values)
             share = 100 * np.arange(1, len(ordered) + 1) / len(ordered)
             drawn.add_scatter(x=ordered, y=share, mode="lines", name=name, line_color=colour)
         drawn.update_xaxes(rangemode="tozero")
-        yield figure(f"distribution-{unit}", drawn, f"Cumulative distribution of the {what}.")
+        yield figure(f"distribution-{unit}", drawn, f"Cumulative distribution of the {quantity}.")
 
 
 def _blocks(comparison: Comparison):
@@ -133,10 +133,10 @@ def _blocks(comparison: Comparison):
             drawn.add_scattergl(
                 x=first[shown_rows], y=values[shown_rows], mode="markers", name=name, marker=marker
             )
-        most = float(comparison.distances.max())
+        largest = float(comparison.distances.max())
         drawn.add_scatter(
-            x=[0, most],
-            y=[0, most],
+            x=[0, largest],
+            y=[0, largest],
             mode="lines",
             name="equal",
             line=dict(color=style.GREY, dash="dot"),

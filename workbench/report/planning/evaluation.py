@@ -46,7 +46,7 @@ def _errors(evaluated: Evaluated, answer: Mapping) -> Iterator[dict]:
         if keys[0] not in answer["error"]:
             continue
         rows = [[name, *(rounded(errors[key]) for key in keys)] for name, errors in models]
-        heads = [f"{what} ({unit})" for what in ("RMS", "mean", "95 % below", "max")]
+        heads = [f"{statistic} ({unit})" for statistic in ("RMS", "mean", "95 % below", "max")]
         yield table(["model", *heads], rows)
     yield words("Geometry and effects of the calibrated arm are fixed.", quiet=True)
     drawn = style.figure(340, "3-D position error (mm)", "share of samples below (%)")
@@ -78,13 +78,13 @@ def _by_time(evaluated: Evaluated) -> Iterator[dict]:
         yield _scatter(evaluated, times, "time (s)")
 
 
-def _scatter(evaluated: Evaluated, across: np.ndarray, title: str) -> dict:
+def _scatter(evaluated: Evaluated, x: np.ndarray, title: str) -> dict:
     drawn = style.figure(260, title, "position error (mm)")
     shown_rows = style.thinned(evaluated.recording.n)
     for name, values, colour in _series(evaluated)[::-1]:
         marker = dict(size=5, color=colour, opacity=0.7)
         drawn.add_scatter(
-            x=across[shown_rows], y=values[shown_rows], mode="markers", name=name, marker=marker
+            x=x[shown_rows], y=values[shown_rows], mode="markers", name=name, marker=marker
         )
     drawn.update_yaxes(rangemode="tozero")
     name = "-".join(title.split(" (")[0].split())

@@ -99,13 +99,15 @@ def _precision(answer):
 
 def _confounded(answer):
     yield words(_GAUGE)
-    said: set[str] = set()
+    known_sentences: set[str] = set()
     for stage in answer["stages"]:
-        more = [sentence for sentence in stage["undetermined"] if sentence not in said]
-        said.update(more)
-        if more:
-            yield note(f"With stage {stage['name']}", more)
-    if not said:
+        new_sentences = [
+            sentence for sentence in stage["undetermined"] if sentence not in known_sentences
+        ]
+        known_sentences.update(new_sentences)
+        if new_sentences:
+            yield note(f"With stage {stage['name']}", new_sentences)
+    if not known_sentences:
         yield words("All free parameters are identifiable.")
 
 

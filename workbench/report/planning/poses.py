@@ -61,8 +61,8 @@ def _space(chosen: Chosen):
         ]
     )
     yield figure("space", drawn, "Origin of the nominal flange in the base frame (mm).")
-    sets = [("candidates", joints, style.GREY), ("chosen", joints[taken], style.BLUE)]
-    drawn = arm_space.joint_ranges(robot, sets)
+    point_sets = [("candidates", joints, style.GREY), ("chosen", joints[taken], style.BLUE)]
+    drawn = arm_space.joint_ranges(robot, point_sets)
     yield figure("joints", drawn, "Range of each joint in all candidates and in the chosen poses.")
 
 

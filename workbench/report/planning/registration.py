@@ -21,8 +21,10 @@ def page(found: Registration, points: np.ndarray, labels: Sequence[str], answer:
         ("leave-one-out RMS distance", rounded(answer["left_one_out_rms_mm"]), "mm"),
     )
     outliers = answer["outliers"]
-    far = f"Much farther off than the other points: {', '.join(outliers)}." if outliers else ""
-    warning = " ".join([*map(sentence, answer["warnings"]), far]).strip()
+    outlier_sentence = (
+        f"Much farther off than the other points: {', '.join(outliers)}." if outliers else ""
+    )
+    warning = " ".join([*map(sentence, answer["warnings"]), outlier_sentence]).strip()
     sections = (
         Section("points", "Points", tuple(_distances(found, labels))),
         Section("space", "Residuals in space", (_in_space(found, points, labels),)),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.jobs.robot.significance import PARTS, Significance
+from workbench.jobs.robot.significance import COMPONENTS, Significance
 from workbench.report import style
 from workbench.report.sections import Page, Section, facts, figure, pair, table, words
 from workbench.report.text import rounded
@@ -41,9 +41,9 @@ def page(found: Significance) -> Page:
 def _charts(found: Significance):
     names = [key.partition(".")[2] for key in found.keys]
     charts = []
-    for part, column in zip(PARTS, found.index.T):
-        what = "change (mm)" if part == "position" else "change of the unit vector"
-        drawn = style.figure(300, "parameter", what)
+    for part, column in zip(COMPONENTS, found.index.T):
+        axis_title = "change (mm)" if part == "position" else "change of the unit vector"
+        drawn = style.figure(300, "parameter", axis_title)
         drawn.add_bar(x=names, y=column, marker_color=style.BLUE, showlegend=False)
         if part == "position" and (column > 0).any():
             drawn.update_yaxes(style.log_axis(column[column > 0].min() / 2, column.max() * 1.5))

@@ -40,9 +40,9 @@ def reliability(board: Board) -> dict:
     plot = style.figure(380, "stated probability", "share of correct claims")
     rows = figures.reliability(board.rows)
     plot.add_trace(_dotted([0, 1], "as stated"))
-    stated, right, within = ([r[key] for r in rows] for key in ("stated", "right", "interval"))
+    stated, right, intervals = ([r[key] for r in rows] for key in ("stated", "right", "interval"))
     text = [f"{r['claims']} claims" for r in rows]
-    plot.add_trace(_with_interval(stated, right, within, "claims", style.ORANGE, text))
+    plot.add_trace(_with_interval(stated, right, intervals, "claims", style.ORANGE, text))
     plot.update_xaxes(range=[-0.02, 1.04], tickformat=".0%")
     plot.update_yaxes(range=[-0.02, 1.04], tickformat=".0%")
     return figure(
@@ -81,14 +81,14 @@ def runtimes(board: Board) -> dict:
     return figure("runtimes", plot, "Processor time of a diagnosis, one process with one thread.")
 
 
-def confusion(board: Board, of: str) -> dict:
-    """Confusion matrix (counts) of true and stated; of: "effect" or "where"."""
-    truths, said, counts = figures.confusion(board.rows, of)
+def confusion(board: Board, key: str) -> dict:
+    """Confusion matrix (counts) of true and stated; key: "effect" or "where"."""
+    truths, claims, counts = figures.confusion(board.rows, key)
     plot = style.figure(140 + 22 * max(len(truths), 6), "first statement", "truth")
     plot.add_trace(
         go.Heatmap(
             z=np.sqrt(counts),
-            x=said,
+            x=claims,
             y=truths,
             text=np.where(counts > 0, counts.astype(str), ""),
             texttemplate="%{text}",
@@ -100,9 +100,9 @@ def confusion(board: Board, of: str) -> dict:
     )
     plot.update_yaxes(autorange="reversed", automargin=True, title=None)
     plot.update_xaxes(automargin=True, tickangle=-40)
-    name = {"effect": "effect", "where": "place"}[of]
+    name = {"effect": "effect", "where": "place"}[key]
     return figure(
-        f"confusion-{of}",
+        f"confusion-{key}",
         plot,
         f"Confusion matrix by {name}, cases with one effect. A truth inside a declared group counts as stated.",
     )
@@ -189,9 +189,9 @@ def summary(board: Board):
         if f.low is not None:
             axes.plot([f.low, f.high], [k, k], color=colour, lw=2, alpha=0.5, solid_capstyle="butt")
         axes.plot(f.value, k, "o", color=colour, ms=6)
-        said = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
+        text = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
         axes.annotate(
-            f"{said}  (criterion {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
+            f"{text}  (criterion {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
         )
     axes.set(
         yticks=range(len(asked)),

@@ -139,8 +139,8 @@ def _cases(board):
 
 
 def _row(row: Mapping) -> list[str]:
-    said = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
-    said = row["note"] if row["outcome"] == "failed" and row.get("note") else said
+    claim = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
+    claim = row["note"] if row["outcome"] == "failed" and row.get("note") else claim
     outcome = row["outcome"] + (", confidently wrong" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
     truth = "; ".join(row["concealed"]) or "nothing"
@@ -150,7 +150,7 @@ def _row(row: Mapping) -> list[str]:
         f"{row['suite']} {row['index']}",
         outcome,
         truth,
-        said,
+        claim,
         "" if size is None else f"{size:.2f}",
         *("–" if v is None else f"{v:.4f}" for v in lengths),
         f"{row['seconds']:.1f}",

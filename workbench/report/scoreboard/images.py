@@ -104,8 +104,8 @@ def _seen(board):
 def _with_interval(axes, x, rows, key, interval, words, colour):
     y = np.array([r[key] for r in rows])
     ends = np.array([r[interval] for r in rows]).reshape(-1, 2).T
-    off = np.maximum([y - ends[0], ends[1] - y], 0) if len(y) else None
-    axes.errorbar(x, y, yerr=off, fmt="o-", color=colour, label=words, capsize=2, ms=4)
+    error_bars = np.maximum([y - ends[0], ends[1] - y], 0) if len(y) else None
+    axes.errorbar(x, y, yerr=error_bars, fmt="o-", color=colour, label=words, capsize=2, ms=4)
     axes.legend(frameon=False, loc="lower right", fontsize=9)
 
 
@@ -130,12 +130,12 @@ def _gain(board):
     return _quiet(plot)
 
 
-def _confusion(board, of):
-    truths, said, counts = figures.confusion(board.rows, of)
-    plot, (axes,) = _figure(3 + 0.28 * max(len(said), 6), 2 + 0.24 * max(len(truths), 6))
+def _confusion(board, key):
+    truths, claims, counts = figures.confusion(board.rows, key)
+    plot, (axes,) = _figure(3 + 0.28 * max(len(claims), 6), 2 + 0.24 * max(len(truths), 6))
     if truths:
         axes.imshow(np.sqrt(counts), cmap="Blues", aspect="auto", vmax=1.3 * np.sqrt(counts.max()))
-    axes.set_xticks(range(len(said)), said, rotation=60, ha="right", size=8)
+    axes.set_xticks(range(len(claims)), claims, rotation=60, ha="right", size=8)
     axes.set_yticks(range(len(truths)), truths, size=8)
     for i, j in np.argwhere(counts):
         axes.text(j, i, counts[i, j], ha="center", va="center", size=8)
@@ -166,28 +166,28 @@ def _before_after(board):
 def _maps(maps):
     plot, axes = _figure(3.2 * len(maps), 5.6, len(maps), 2)
     for k, error_map in enumerate(maps):
-        most = np.nanquantile(error_map.before, 0.98)
+        upper = np.nanquantile(error_map.before, 0.98)
         spread = np.ptp(error_map.points, axis=1)
         i, j = sorted(np.argsort(spread)[-2:])
         for row, (errors, words) in enumerate(
             ((error_map.before, "before"), (error_map.after, "after"))
         ):
-            here = axes[row * len(maps) + k]
-            shown = here.scatter(
+            panel = axes[row * len(maps) + k]
+            shown = panel.scatter(
                 error_map.points[i],
                 error_map.points[j],
                 c=errors,
                 s=6,
                 cmap="viridis",
                 vmin=0,
-                vmax=most,
+                vmax=upper,
             )
             rms = np.sqrt(np.nanmean(errors**2))
             title = f"{fill(error_map.title, 34)}\n" if row == 0 else ""
-            here.set_title(f"{title}{words}: {rms:.3f} mm", size=7.5)
-            here.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", aspect="equal")
-            here.tick_params(labelsize=7)
-            plot.colorbar(shown, ax=here, shrink=0.7, label="mm").ax.tick_params(labelsize=7)
+            panel.set_title(f"{title}{words}: {rms:.3f} mm", size=7.5)
+            panel.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm", aspect="equal")
+            panel.tick_params(labelsize=7)
+            plot.colorbar(shown, ax=panel, shrink=0.7, label="mm").ax.tick_params(labelsize=7)
     return plot
 
 

@@ -159,8 +159,8 @@ def _cases(board: Board) -> Iterator[str]:
 
 
 def _cells(row: Mapping) -> list[str]:
-    said = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
-    said = row["note"] if row["outcome"] == "failed" and row.get("note") else said
+    claim = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
+    claim = row["note"] if row["outcome"] == "failed" and row.get("note") else claim
     outcome = row["outcome"] + (", **confidently wrong**" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
     lengths = [row.get(key) for key in ("before_mm", "after_mm", "oracle_after_mm", "noise_mm")]
@@ -170,6 +170,6 @@ def _cells(row: Mapping) -> list[str]:
         outcome,
         "; ".join(row["concealed"]) or "nothing",
         "" if size is None else f"{size:.2f}",
-        said.replace("|", "/"),
+        claim.replace("|", "/"),
         *("–" if v is None else f"{v:.4f}" for v in lengths),
     ]

@@ -233,12 +233,12 @@ def _board(calibration, prefix: str):
     yield table(["height at the corners of the board", "value", "σ", "unit"], rows)
 
 
-def bow_surface(calibration, across: int = 25):
+def bow_surface(calibration, point_count: int = 25):
     """Coordinates x and y (mm), height (rows, columns) above the best-fit plane and its 1 sigma, µm."""
     board = calibration.board
     low = board.points.min(1)
     high = board.points.max(1)
-    x, y = (np.linspace(low[k], high[k], across) for k in (0, 1))
+    x, y = (np.linspace(low[k], high[k], point_count) for k in (0, 1))
     u, v = (
         (grid.ravel() - middle) / board.half_diagonal
         for grid, middle in zip(np.meshgrid(x, y), board.middle)
@@ -255,7 +255,11 @@ def bow_surface(calibration, across: int = 25):
     covariance = calibration.covariance[np.ix_(index, index)]
     height = np.array(list(calibration.bow.parameters.values())) @ basis
     std = np.sqrt(np.einsum("pn,pq,qn->n", basis, covariance, basis))
-    return (x, y), 1000 * height.reshape(across, across), 1000 * std.reshape(across, across)
+    return (
+        (x, y),
+        1000 * height.reshape(point_count, point_count),
+        1000 * std.reshape(point_count, point_count),
+    )
 
 
 def _surface(place, values, called) -> go.Figure:

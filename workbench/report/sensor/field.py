@@ -92,18 +92,18 @@ def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
     return arrow_step(_ARROW_SHARE * np.hypot(*size) / max(length, 1e-12))
 
 
-def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], across: int = 16):
-    """Mean of values (n,) in cells of the field: centres u, centres v, means (rows, across), nan in empty cells."""
-    down = max(2, round(across * size[1] / size[0]))
-    column = np.clip(((pixels[0] + 0.5) / size[0] * across).astype(int), 0, across - 1)
+def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], cell_count: int = 16):
+    """Mean of values (n,) in cells of the field: centres u, centres v, means (rows, cell_count), nan in empty cells."""
+    down = max(2, round(cell_count * size[1] / size[0]))
+    column = np.clip(((pixels[0] + 0.5) / size[0] * cell_count).astype(int), 0, cell_count - 1)
     row = np.clip(((pixels[1] + 0.5) / size[1] * down).astype(int), 0, down - 1)
-    place = row * across + column
-    cells = across * down
+    place = row * cell_count + column
+    cells = cell_count * down
     count = np.bincount(place, minlength=cells)
     mean = np.bincount(place, values, cells) / np.maximum(count, 1)
-    mean = np.where(count >= _LEAST_IN_CELL, mean, np.nan).reshape(down, across)
+    mean = np.where(count >= _LEAST_IN_CELL, mean, np.nan).reshape(down, cell_count)
     return (
-        (np.arange(across) + 0.5) * size[0] / across - 0.5,
+        (np.arange(cell_count) + 0.5) * size[0] / cell_count - 0.5,
         (np.arange(down) + 0.5) * size[1] / down - 0.5,
         mean,
     )
@@ -141,22 +141,22 @@ def heat(u, v, values, size, called, scale="Viridis", limits=None, unit="px") ->
 def bars(
     names: list[str],
     values: np.ndarray,
-    what: str,
+    y_title: str,
     faulty: np.ndarray | None = None,
-    across: str = "image",
+    x_title: str = "image",
 ) -> go.Figure:
     """One bar per image, in recording order, with the median as a line; `faulty` (n,) bars in another colour.
 
     names: paths as in images.csv, or names of which the last word distinguishes them.
     """
-    plot = style.figure(340, across, what)
-    off = np.zeros(len(names), bool) if faulty is None else faulty
+    plot = style.figure(340, x_title, y_title)
+    is_faulty = np.zeros(len(names), bool) if faulty is None else faulty
     plot.add_bar(
         x=np.arange(1, len(names) + 1),
         y=values,
         customdata=names,
         showlegend=False,
-        marker=dict(color=np.where(off, style.ORANGE, style.BLUE), line_width=0),
+        marker=dict(color=np.where(is_faulty, style.ORANGE, style.BLUE), line_width=0),
         hovertemplate="%{customdata}: %{y:.3f}<extra></extra>",
     )
     middle = float(np.median(values)) if len(values) else 0.0
@@ -168,12 +168,12 @@ def bars(
         line=dict(color=style.GREY, dash="dot", width=2),
         hoverinfo="skip",
     )
-    every = -(-len(names) // _MOST_NAMES) or 1
+    tick_step = -(-len(names) // _MOST_NAMES) or 1
     short = [Path(name).stem.split()[-1] for name in names]
     plot.update_xaxes(
         range=[0.4, len(names) + 0.6],
-        tickvals=np.arange(1, len(names) + 1)[::every],
-        ticktext=short[::every],
+        tickvals=np.arange(1, len(names) + 1)[::tick_step],
+        ticktext=short[::tick_step],
         automargin=True,
     )
     return plot.update_layout(bargap=0.25)

@@ -120,7 +120,7 @@ def lead(run: HandEyeRun) -> list[str]:
     """Meaning of the numbers."""
     hand_eye = run.made
     poses = counted(len(run.flange), "pose")
-    what = (
+    quantity = (
         f"scatter of the estimated pose of the {_target(run)}"
         if hand_eye.radius is None
         else "scatter of the measured ball centres in the base frame"
@@ -129,13 +129,13 @@ def lead(run: HandEyeRun) -> list[str]:
     )
     spread = robot_sigma(run)
     if run.is_of_target_poses and None not in spread.values():
-        return [_held_out_sentence(what, poses), _target_sentence(spread)]
+        return [_held_out_sentence(quantity, poses), _target_sentence(spread)]
     robot = _NOT_DETERMINED if None in spread.values() else _flange_sentence(spread)
-    return [_held_out_sentence(what, poses), robot]
+    return [_held_out_sentence(quantity, poses), robot]
 
 
-def _held_out_sentence(what: str, poses: str) -> str:
-    return f"{what.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only."
+def _held_out_sentence(quantity: str, poses: str) -> str:
+    return f"{quantity.capitalize()}, over {poses}. Held out: each pose is predicted from the other poses only."
 
 
 def _target(run: HandEyeRun) -> str:
@@ -230,7 +230,7 @@ def _bars(run) -> go.Figure:
     rows = run.made.poses
     place = np.arange(1, len(run.made.poses) + 1)
     figure = style.figure(340, "pose, in the order of the recording", f"RMS ({run.made.unit})")
-    off = np.array([row.outlier for row in rows])
+    is_outlier = np.array([row.outlier for row in rows])
     for name, values, colour in (
         ("fit", [row.residual for row in rows], style.GREEN),
         ("held out", [row.held_out for row in rows], style.BLUE),
@@ -241,7 +241,7 @@ def _bars(run) -> go.Figure:
             name=name,
             customdata=run.names,
             marker_line_width=0,
-            marker_color=np.where(off, style.ORANGE, colour),
+            marker_color=np.where(is_outlier, style.ORANGE, colour),
             hovertemplate="%{customdata}: %{y:.3f}<extra>" + name + "</extra>",
         )
     figure.update_layout(barmode="group", bargap=0.25)
@@ -370,17 +370,17 @@ def _profiler(run):
     """Noise and scale of the profiler and radius of the sphere, with certified and with estimated radius."""
     head = ["", "radius certified", "radius free"]
     rows = []
-    both = [run.made, run.free] if run.free else [run.made]
+    solutions = [run.made, run.free] if run.free else [run.made]
     for title, key, values, unit in (
-        ("radius of the sphere", "target.radius", [fit.radius for fit in both], "mm"),
+        ("radius of the sphere", "target.radius", [fit.radius for fit in solutions], "mm"),
         (
             "scale error of the profiler’s z (positive: measured too long)",
             "sensor.range_scale",
-            [100 * fit.range_scale for fit in both],
+            [100 * fit.range_scale for fit in solutions],
             "%",
         ),
     ):
-        spread = [fit.std.get(key) for fit in both]
+        spread = [fit.std.get(key) for fit in solutions]
         spread = [std and (100 * std if unit == "%" else std) for std in spread]
         rows.append(
             (
@@ -392,10 +392,13 @@ def _profiler(run):
             )
         )
     rows.append(
-        ("distance from the sphere, RMS", *(f"{rounded(fit.fit['rms_mm'])} mm" for fit in both))
+        (
+            "distance from the sphere, RMS",
+            *(f"{rounded(fit.fit['rms_mm'])} mm" for fit in solutions),
+        )
     )
-    rows.append(("noise of a profile", *(f"{rounded(fit.noise)} mm" for fit in both)))
-    yield table(head[: 1 + len(both)] if run.free else ["", "estimate"], rows)
+    rows.append(("noise of a profile", *(f"{rounded(fit.noise)} mm" for fit in solutions)))
+    yield table(head[: 1 + len(solutions)] if run.free else ["", "estimate"], rows)
 
 
 def _valued(value, std):

@@ -39,7 +39,7 @@ def _point(place: np.ndarray) -> tuple[int, int]:
     return int(x), int(y)
 
 
-def overlays(run, most: int = 6) -> list[tuple[str, str]]:
+def overlays(run, max_images: int = 6) -> list[tuple[str, str]]:
     """Data address and caption of the images with the largest RMS of a camera run, largest first."""
     from workbench.report.calibration.scene import arrow_step
 
@@ -48,13 +48,13 @@ def overlays(run, most: int = 6) -> list[tuple[str, str]]:
     length = float(np.percentile(np.sqrt((calibration.residual**2).sum(0)), 95))
     scale = arrow_step(_ARROW * size / _LONGEST / max(length, 1e-9))
     found = []
-    for k in np.argsort(-calibration.view_rms_px)[:most]:
+    for k in np.argsort(-calibration.view_rms_px)[:max_images]:
         view = calibration.views[k]
-        mine = calibration.view == k
+        is_of_view = calibration.view == k
         source = overlay(
             run.recording.folder / view.image,
-            calibration.chain.pixels[:, mine],
-            calibration.residual[:, mine],
+            calibration.chain.pixels[:, is_of_view],
+            calibration.residual[:, is_of_view],
             scale,
         )
         caption = f"{view.image}: RMS {rounded(calibration.view_rms_px[k])} px, arrows enlarged {scale:,.0f} times"

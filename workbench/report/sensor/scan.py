@@ -18,7 +18,7 @@ from workbench.report.text import counted, rounded, sentence
 _CLOUDS = 6
 _MAPS = 4
 _ROWS = 60
-_DOUBTS = 12
+_MAX_REMARKS = 12
 _NAMED = 6
 _MAP_POINTS = 4000
 
@@ -33,7 +33,7 @@ _JOINED = {
 
 def page(scans: Scans) -> Page:
     """The whole page of `workbench scan`."""
-    form, spread, found = _most(scans)
+    form, spread, found = _largest_errors(scans)
     numbers = [
         ("form error, RMS, worst sphere", rounded(form), "mm"),
         ("centre, largest 1 σ, best-fit frame", rounded(spread), "mm"),
@@ -55,7 +55,7 @@ def page(scans: Scans) -> Page:
     )
 
 
-def _most(scans: Scans) -> tuple[float | None, float | None, int]:
+def _largest_errors(scans: Scans) -> tuple[float | None, float | None, int]:
     """Largest RMS and 1 sigma of a centre, mm, of completely seen balls (None without one), and their number."""
     form = None
     spread = None
@@ -83,7 +83,7 @@ def sections(scans: Scans) -> tuple[Section, ...]:
     )
 
 
-def every(scans: Scans) -> Iterator[tuple[Scan, Ball]]:
+def balls_of_scans(scans: Scans) -> Iterator[tuple[Scan, Ball]]:
     """Each ball with its scan."""
     for scan in scans.scans:
         for ball in scan.balls:
@@ -106,12 +106,12 @@ def lead(scans: Scans) -> list[str]:
         else "The scanner was read from a file."
     )
     centres = centres_of(scans)
-    more = (
+    recording_sentence = (
         f" The recording ball-centres holds {counted(centres.n, 'ball centre')} for `workbench calibrate`."
         if centres
         else ""
     )
-    return [first, scanner + more, *_frames(scans)]
+    return [first, scanner + recording_sentence, *_frames(scans)]
 
 
 def _frames(scans: Scans) -> list[str]:
@@ -119,19 +119,19 @@ def _frames(scans: Scans) -> list[str]:
     joined = sorted({scan.frame for scan in scans.scans} - {"camera"})
     if joined:
         return [_JOINED[name] for name in joined]
-    balls = (ball for _, ball in every(scans) if ball.fit)
+    balls = (ball for _, ball in balls_of_scans(scans) if ball.fit)
     if scans.scanner.frame is None:
         return []
-    most = max(
+    largest_std = max(
         (float(np.sqrt(np.diag(whole_covariance(scans.scanner, ball)).max())) for ball in balls),
         default=None,
     )
-    if most is None:
+    if largest_std is None:
         return []
     return [
         "σ of a centre refers to the frame that fits the scanner's points best; distances between balls and a hand-eye "
         "calibration depend on this σ. In the camera frame, with its error common to all points, σ is up to "
-        f"{rounded(1000 * most)} µm. The JSON holds both, std_in_best_frame_mm and std_mm."
+        f"{rounded(1000 * largest_std)} µm. The JSON holds both, std_in_best_frame_mm and std_mm."
     ]
 
 
@@ -196,28 +196,30 @@ def _balls(scans: Scans):
     yield table(_HEAD, [_row(scan, ball) for scan, ball in shown], left=3)
     if (others := sum(1 for _ in _found(scans)) - len(shown)) > 0:
         yield words(f"The JSON lists the other {others} balls.", quiet=True)
-    remarks, unlisted = _doubts(scans)
+    remarks, unlisted = _scan_remarks(scans)
     if remarks:
         yield note("Remarks", remarks + [f"The JSON holds {unlisted} more."] * (unlisted > 0))
     residual = 1000 * np.concatenate([ball.fit.residual[ball.fit.inliers] for _, ball in shown])
-    which = ", for the balls of the table" if others > 0 else ""
-    caption = f"Distances of all points used from the fitted sphere{which}."
+    scope = ", for the balls of the table" if others > 0 else ""
+    caption = f"Distances of all points used from the fitted sphere{scope}."
     yield figure("form", scanners.spread(residual, "µm"), caption)
     yield words(
         "Distances over the balls as seen by the scanner. A pattern common to all balls is due to the light plane or "
         "the surface; a pattern of a single ball is due to that ball."
     )
     maps = [
-        figure(f"ballmap{k}", ball_map(ball), f"{_called(*both)}: distance from the surface.")
-        for k, both in enumerate(shown[:_MAPS])
-        for ball in both[1:]
+        figure(
+            f"ballmap{k}", ball_map(ball), f"{_called(*scan_and_ball)}: distance from the surface."
+        )
+        for k, scan_and_ball in enumerate(shown[:_MAPS])
+        for ball in scan_and_ball[1:]
     ]
     yield pair(*maps)
 
 
 def _found(scans: Scans) -> Iterator[tuple[Scan, Ball]]:
     """Each ball that was fitted, with its scan."""
-    return ((scan, ball) for scan, ball in every(scans) if ball.fit)
+    return ((scan, ball) for scan, ball in balls_of_scans(scans) if ball.fit)
 
 
 def _called(scan: Scan, ball: Ball) -> str:
@@ -246,7 +248,7 @@ def _row(scan: Scan, ball: Ball) -> tuple:
     )
 
 
-def _doubts(scan_run: Scans) -> tuple[list[str], int]:
+def _scan_remarks(scan_run: Scans) -> tuple[list[str], int]:
     """Remarks on scans and balls, and the number of further ones; a remark common to several scans is given once."""
     same = {}
     odd = []
@@ -254,7 +256,7 @@ def _doubts(scan_run: Scans) -> tuple[list[str], int]:
     unlisted = 0
     for scan in scan_run.scans:
         for part in filter(None, scan.outcome.split("; ")):
-            if part in same or len(same) < _DOUBTS:
+            if part in same or len(same) < _MAX_REMARKS:
                 count, names = same.get(part, (0, []))
                 same[part] = count + 1, [*names, scan.name][:_NAMED]
             else:
@@ -264,11 +266,11 @@ def _doubts(scan_run: Scans) -> tuple[list[str], int]:
                 odd.append(f"{_called(scan, ball)}: {sentence(ball.fit.outcome)}")
             elif ball.whole and ball.fit.warnings:
                 known.append(f"{_called(scan, ball)}: {sentence('; '.join(ball.fit.warnings))}")
-        unlisted += len(odd[_DOUBTS:]) + len(known[_DOUBTS:])
-        del odd[_DOUBTS:], known[_DOUBTS:]
+        unlisted += len(odd[_MAX_REMARKS:]) + len(known[_MAX_REMARKS:])
+        del odd[_MAX_REMARKS:], known[_MAX_REMARKS:]
     common = [f"{_scans(*scans)}: {sentence(part)}" for part, scans in same.items()]
     remarks = common + odd + known
-    return remarks[:_DOUBTS], unlisted + len(remarks[_DOUBTS:])
+    return remarks[:_MAX_REMARKS], unlisted + len(remarks[_MAX_REMARKS:])
 
 
 def _scans(count: int, names: list[str]) -> str:
@@ -282,13 +284,13 @@ def ball_map(ball: Ball) -> go.Figure:
     """Residuals (µm) over the ball as seen by the sensor: positions across the line of sight from the centre, mm."""
     used = np.flatnonzero(ball.fit.inliers)
     used = used[np.linspace(0, len(used) - 1, min(len(used), _MAP_POINTS)).astype(int)]
-    away = ball.points[:, used] - ball.fit.centre[:, None]
+    radial = ball.points[:, used] - ball.fit.centre[:, None]
     values = 1000 * ball.fit.residual[used]
     top = max(float(np.percentile(np.abs(values), 98)), 1e-6)
     plot = style.figure(400, "across, x (mm)", "y (mm)")
     plot.add_scatter(
-        x=np.round(away[0], 3),
-        y=np.round(away[1], 3),
+        x=np.round(radial[0], 3),
+        y=np.round(radial[1], 3),
         mode="markers",
         showlegend=False,
         marker=dict(

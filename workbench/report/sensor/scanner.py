@@ -245,11 +245,13 @@ def _stripes(calibration):
 def over_step(step: np.ndarray, residual: np.ndarray, steps: np.ndarray) -> go.Figure:
     """Mean residual (px) of the points of each step, and the band from the 16th to the 84th percentile."""
     order = np.argsort(step, kind="stable")
-    parts = np.split(residual[order], np.cumsum(np.bincount(step, minlength=len(steps)))[:-1])
+    residuals_of_steps = np.split(
+        residual[order], np.cumsum(np.bincount(step, minlength=len(steps)))[:-1]
+    )
     low, mean, high = np.array(
         [
             [*np.percentile(p, [16]), p.mean(), *np.percentile(p, [84])] if p.size else [np.nan] * 3
-            for p in parts
+            for p in residuals_of_steps
         ]
     ).T
     plot = style.figure(380, "mirror step", "residual (px)")
@@ -365,14 +367,16 @@ def _left_out(calibration):
         sentence(held_out.sentence) + " The pose of a held-out board comes from its corners only."
     )
     known = np.isfinite(held_out.placement_rms_mm)
-    names = [f"board pose {name}" for name, there in zip(calibration.placements, known) if there]
+    names = [
+        f"board pose {name}" for name, is_known in zip(calibration.placements, known) if is_known
+    ]
     yield figure(
         "leftoutbars",
         field.bars(
             names,
             held_out.placement_rms_mm[known],
             "RMS of all its points (mm)",
-            across="board pose with laser images",
+            x_title="board pose with laser images",
         ),
         "Stripes of each board pose, relative to planes that were estimated without them.",
     )

@@ -115,18 +115,22 @@ def pyramid(camera, depth: float) -> np.ndarray:
     )
 
 
-def patches(planes: np.ndarray, camera, near: float, far: float) -> np.ndarray:
-    """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near` to `far` mm."""
-    across = int(np.abs(planes[:2]).mean(1).argmax())  # the image axis normal to the light planes
-    other = 1 - across
-    size = camera.size[1 - across]
+def patches(planes: np.ndarray, camera, near_mm: float, far_mm: float) -> np.ndarray:
+    """(k, 4, 3) mm: corners of light planes (4, k), cut to the camera's field from `near_mm` to `far_mm` mm."""
+    plane_axis = int(
+        np.abs(planes[:2]).mean(1).argmax()
+    )  # the image axis normal to the light planes
+    other = 1 - plane_axis
+    size = camera.size[1 - plane_axis]
     focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
     corners = np.empty((planes.shape[1], 4, 3))
-    for k, (depth, pixel) in enumerate([(near, 0), (near, size), (far, size), (far, 0)]):
+    for k, (depth, pixel) in enumerate(
+        [(near_mm, 0), (near_mm, size), (far_mm, size), (far_mm, 0)]
+    ):
         side = (pixel - middle) / focal * depth
         corners[:, k, 2], corners[:, k, other] = depth, side
-        corners[:, k, across] = (
-            -(planes[other] * side + planes[2] * depth + planes[3]) / planes[across]
+        corners[:, k, plane_axis] = (
+            -(planes[other] * side + planes[2] * depth + planes[3]) / planes[plane_axis]
         )
     return corners
 
@@ -168,9 +172,15 @@ def ball(
     plot: go.Figure, centre: np.ndarray, radius: float, name: str, colour: str = style.ORANGE
 ) -> None:
     """Add a ball (centre (3,), radius, mm) as a translucent surface."""
-    across, down = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
+    longitude, latitude = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
     x, y, z = np.round(
-        np.stack([np.cos(across) * np.sin(down), np.sin(across) * np.sin(down), np.cos(down)])
+        np.stack(
+            [
+                np.cos(longitude) * np.sin(latitude),
+                np.sin(longitude) * np.sin(latitude),
+                np.cos(latitude),
+            ]
+        )
         * radius
         + np.reshape(centre, (3, 1, 1)),
         3,

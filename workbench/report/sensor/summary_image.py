@@ -11,7 +11,7 @@ from workbench.report.page import IMAGE
 from workbench.report.sections import Page
 
 _INK = "#222222"
-_MOST = 5000
+_MAX_POINTS = 5000
 _NAMED = 40  # largest number of bars that carry their names
 _SCANS = 60  # largest number of bars that stay distinguishable
 _log = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ def camera(run) -> tuple[Panel, ...]:
         axes.set(xlabel="image", ylabel="RMS distance (px)", title="error of each image")
 
     def residuals(axes):
-        x, y = calibration.residual[:, :: max(1, calibration.residual.shape[1] // _MOST)]
+        x, y = calibration.residual[:, :: max(1, calibration.residual.shape[1] // _MAX_POINTS)]
         axes.scatter(x, y, s=3, lw=0, alpha=0.4, color=style.ORANGE)
         axes.set(xlabel="x (px)", ylabel="y (px)", title="residuals of the corners")
         axes.set_aspect("equal", adjustable="datalim")
@@ -109,16 +109,16 @@ def scanner(run) -> tuple[Panel, ...]:
 
 def scan(run) -> tuple[Panel, ...]:
     """Form error of the balls and uncertainty of their centres; for a long session, of evenly spaced scans."""
-    some = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
+    drawn_scans = np.linspace(0, len(run.scans) - 1, min(len(run.scans), _SCANS)).astype(int)
     balls = [
         (scan.name, ball)
-        for scan in map(run.scans.__getitem__, some)
+        for scan in map(run.scans.__getitem__, drawn_scans)
         for ball in scan.balls
         if ball.fit
     ]
-    of = (
-        f", {len(some)} of {len(run.scans):,} scans"
-        if len(some) < len(run.scans)
+    count_note = (
+        f", {len(drawn_scans)} of {len(run.scans):,} scans"
+        if len(drawn_scans) < len(run.scans)
         else ", scan by scan"
     )
 
@@ -142,7 +142,9 @@ def scan(run) -> tuple[Panel, ...]:
                 color=colour,
                 label=axis,
             )
-        axes.set(xlabel=f"ball{of}", ylabel="1 sigma (um)", title="uncertainty of the centres")
+        axes.set(
+            xlabel=f"ball{count_note}", ylabel="1 sigma (um)", title="uncertainty of the centres"
+        )
         style.legend_above(axes)
 
     return form, centres

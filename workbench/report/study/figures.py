@@ -11,23 +11,23 @@ from workbench.studies.spec import Axis
 
 _COLOURS = (style.BLUE, style.ORANGE, style.GREEN, style.VIOLET, style.GREY)
 _BINS = 12
-_EACH = 12
+_RUNS_OF_BIN = 12
 
 
-def over(
-    axis: Axis, across: np.ndarray, up: np.ndarray, name: str, groups: np.ndarray | None = None
+def scatter_of_runs(
+    axis: Axis, x: np.ndarray, y: np.ndarray, name: str, groups: np.ndarray | None = None
 ) -> go.Figure:
     """One dot per run, medians and the 90 % band in bins of the parameter; separately for each of `groups`."""
     plot = style.figure(340, axis_label(axis), column_label(name))
     for k, group in enumerate([None] if groups is None else list(dict.fromkeys(groups.tolist()))):
-        chosen = np.isfinite(up) & (True if group is None else groups == group)
+        chosen = np.isfinite(y) & (True if group is None else groups == group)
         colour = _COLOURS[k % len(_COLOURS)]
-        places, low, middle, high = _binned(axis, across[chosen], up[chosen])
+        places, low, middle, high = _binned(axis, x[chosen], y[chosen])
         _band(plot, places, low, high, colour)
         drawn = style.thinned(int(chosen.sum()))
         plot.add_scatter(
-            x=across[chosen][drawn],
-            y=up[chosen][drawn],
+            x=x[chosen][drawn],
+            y=y[chosen][drawn],
             mode="markers",
             showlegend=False,
             hoverinfo="skip",
@@ -44,7 +44,7 @@ def over(
         )
     if axis.scale == "log" and axis.values is None:
         plot.update_xaxes(style.log_axis(axis.low, axis.high))
-    _upwards(plot, up)
+    _upwards(plot, y)
     return plot
 
 
@@ -58,21 +58,21 @@ def _upwards(plot, values):
         plot.update_yaxes(rangemode="tozero")
 
 
-def _binned(axis, across, up):
+def _binned(axis, x, y):
     """Position and the 5 %, 50 % and 95 % quantiles of the runs in each bin; each listed value is a bin."""
-    values = np.unique(across)
-    bins = int(np.clip(len(across) // _EACH, 3, _BINS))
+    values = np.unique(x)
+    bins = int(np.clip(len(x) // _RUNS_OF_BIN, 3, _BINS))
     if len(values) > _BINS:
         scale = np.log if axis.scale == "log" else np.asarray
-        back = np.exp if axis.scale == "log" else np.asarray
+        inverse_scale = np.exp if axis.scale == "log" else np.asarray
         edges = np.linspace(scale(values[0]), scale(values[-1]), bins + 1)
-        index = np.clip(np.searchsorted(edges, scale(across), side="right") - 1, 0, bins - 1)
-        places = back((edges[1:] + edges[:-1]) / 2)
+        index = np.clip(np.searchsorted(edges, scale(x), side="right") - 1, 0, bins - 1)
+        places = inverse_scale((edges[1:] + edges[:-1]) / 2)
     else:
         places = values
-        index = np.searchsorted(values, across)
+        index = np.searchsorted(values, x)
     full = [k for k in range(len(places)) if (index == k).any()]
-    quantiles = np.array([np.percentile(up[index == k], (5, 50, 95)) for k in full]).reshape(-1, 3)
+    quantiles = np.array([np.percentile(y[index == k], (5, 50, 95)) for k in full]).reshape(-1, 3)
     return (places[full], *quantiles.T)
 
 
@@ -146,7 +146,7 @@ def by_load(columns: list[dict]) -> go.Figure | None:
     if not any(len(rows) > 1 for rows in found.values()):
         return None
     plot = style.figure(400, "payload (kg)", "RMS error (mm, logarithmic)")
-    most = []
+    bounds = []
     for k, (model, rows) in enumerate(found.items()):
         loads = np.array([load for load, _ in rows])
         low, middle, high = (
@@ -161,8 +161,8 @@ def by_load(columns: list[dict]) -> go.Figure | None:
             line=dict(color=_COLOURS[k % len(_COLOURS)], width=3),
             marker=dict(size=7),
         )
-        most += [low.min(), high.max()]
-    return plot.update_yaxes(style.log_axis(min(most) / 1.2, max(most) * 1.2)).update_layout(
+        bounds += [low.min(), high.max()]
+    return plot.update_yaxes(style.log_axis(min(bounds) / 1.2, max(bounds) * 1.2)).update_layout(
         margin_t=70
     )
 
@@ -269,12 +269,12 @@ def coverage(rows: list[dict]) -> go.Figure:
 
 def grid_map(axes: list[Axis], columns: dict, name: str) -> go.Figure:
     """Median outcome over a grid of two parameters, as a labelled heat map."""
-    along = columns[axes[0].name]
-    up = columns[axes[1].name]
+    x = columns[axes[0].name]
+    y = columns[axes[1].name]
     outcome = columns[name]
-    first = np.unique(along)
-    second = np.unique(up)
-    cells = [[np.nanmedian(outcome[(along == a) & (up == b)]) for a in first] for b in second]
+    first = np.unique(x)
+    second = np.unique(y)
+    cells = [[np.nanmedian(outcome[(x == a) & (y == b)]) for a in first] for b in second]
     plot = style.figure(400, *(axis_label(axis) for axis in axes[:2]))
     plot.add_heatmap(
         x=[f"{a:g}" for a in first],

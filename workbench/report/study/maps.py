@@ -24,8 +24,8 @@ def blocks(study: Study, folder: Path):
     Writes the volume of the first model into the folder, as an image and a file for ParaView.
     """
     run_study = with_values(study, values_of(study, 1))
-    more = run_study.test.model_copy(update={"samples": _POSES})
-    changed = run_study.model_copy(update={"test": more, "tasks": None})
+    test_samples = run_study.test.model_copy(update={"samples": _POSES})
+    changed = run_study.model_copy(update={"test": test_samples, "tasks": None})
     try:
         world = robots.world(changed, seed_of(study, 1))
         calibrated = "calibrate" in run_study.do
@@ -52,9 +52,11 @@ def blocks(study: Study, folder: Path):
     distances = [(title, np.linalg.norm(error, axis=0)) for title, error in errors]
     shown = [
         figure(
-            f"map{k}", error_map(places, away), f"{title}: RMS {np.sqrt((away**2).mean()):.3f} mm."
+            f"map{k}",
+            error_map(places, distance),
+            f"{title}: RMS {np.sqrt((distance**2).mean()):.3f} mm.",
         )
-        for k, (title, away) in enumerate(distances)
+        for k, (title, distance) in enumerate(distances)
     ]
     for k in range(0, len(shown), 2):
         yield pair(*shown[k : k + 2]) if len(shown[k : k + 2]) == 2 else shown[k]

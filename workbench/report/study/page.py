@@ -18,9 +18,9 @@ def page(study_run, found: dict) -> Page:
     if outcome is not None:
         unit = outcome["column"].rpartition("_")[2]
         unit = unit if unit in ("mm", "px", "deg") else ""
-        said = column_label(outcome["column"]).removesuffix(f" ({unit})")
+        label = column_label(outcome["column"]).removesuffix(f" ({unit})")
         numbers += [
-            (f"{said}, median", rounded(outcome["median"]), unit),
+            (f"{label}, median", rounded(outcome["median"]), unit),
             ("95 % of the runs are below", rounded(outcome["p95"]), unit),
         ]
     lead = [_lead(study_run, found), *found["sentences"]]
@@ -35,7 +35,7 @@ def page(study_run, found: dict) -> Page:
 
 
 def _lead(study_run, found) -> str:
-    what = " and ".join(found["do"]) + (
+    subject = " and ".join(found["do"]) + (
         "" if study_run.study.scene else f" of {study_run.study.recording}"
     )
     count = len(found["varied"])
@@ -45,7 +45,7 @@ def _lead(study_run, found) -> str:
         else ""
     )
     article = "an" if found["kind"][0] in "aeiou" else "a"
-    return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {what}{varied}."
+    return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {subject}{varied}."
 
 
 def _sections(study_run, found):
@@ -79,7 +79,7 @@ def _outcome(study_run, found):
     name = found["outcome"]
     columns = tables.columns(study_run.path, [name, *(axis.name for axis in axes)])
     values = columns[name]
-    said = column_label(name)
+    label = column_label(name)
     if found["not_done"]:
         lines = [sentence(f"{row['runs']} runs: {row['why']}") for row in found["not_done"]]
         yield note("Some runs failed", lines)
@@ -88,8 +88,8 @@ def _outcome(study_run, found):
     shown = [
         figure(
             f"over{k}",
-            figures.over(axis, columns[axis.name], values, name, groups),
-            f"{said} over {axis_label(axis)}: one dot per run, line through the medians, band of 90 %.",
+            figures.scatter_of_runs(axis, columns[axis.name], values, name, groups),
+            f"{label} over {axis_label(axis)}: one dot per run, line through the medians, band of 90 %.",
         )
         for k, axis in enumerate(drawn)
     ]
@@ -98,7 +98,7 @@ def _outcome(study_run, found):
     yield figure(
         "spread",
         figures.spread(values, name),
-        f"Distribution of {said} over {counted(len(values), 'run')}.",
+        f"Distribution of {label} over {counted(len(values), 'run')}.",
     )
 
 
@@ -214,14 +214,14 @@ def _made(study_run, found):
     study = study_run.study
     work = found["work"]
     took = f"{work['seconds_of_runs']:.1f} s of runs in {work['seconds']:.1f} s"
-    spent = f"{took} on {counted(work['workers'], 'worker')}"
+    duration = f"{took} on {counted(work['workers'], 'worker')}"
     axes = [
         (axis.name, f"{', '.join(axis.paths)}: {_range(axis)}") for axis in study.vary.parameter
     ]
     yield facts(
         [
             ("Seed", study.seed),
-            ("Computed now", f"{work['runs_made_now']:,} runs, {spent}"),
+            ("Computed now", f"{work['runs_made_now']:,} runs, {duration}"),
             (
                 "Overhead",
                 ""

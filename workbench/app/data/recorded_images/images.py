@@ -130,7 +130,7 @@ def _stripe(row: Mapping, image) -> tuple[np.ndarray, str]:
 
     if row.get("role") not in ("board-laser", "scan"):
         return np.zeros((2, 0)), ""
-    found = [find_stripes(image.grey[None], along) for along in ("rows", "columns")]
+    found = [find_stripes(image.grey[None], direction) for direction in ("rows", "columns")]
     best = min(found, key=lambda stripe: float(np.median(stripe.width)) if len(stripe) else np.inf)
     if not len(best):
         return np.zeros((2, 0)), "no laser line was found in this image"

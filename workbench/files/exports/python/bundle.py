@@ -29,7 +29,7 @@ class _Module:
     """Definitions of a module by name: statements, names imported from our packages, other imports."""
 
     definitions: dict[str, ast.stmt] = field(default_factory=dict)
-    ours: dict[str, Symbol] = field(default_factory=dict)
+    imported: dict[str, Symbol] = field(default_factory=dict)
     modules: dict[str, str] = field(default_factory=dict)
     imports: dict[str, str] = field(default_factory=dict)
 
@@ -88,7 +88,7 @@ def _note_import(source_module: _Module, module: str, alias: ast.alias) -> None:
     elif _is_module(f"{module}.{alias.name}"):
         source_module.modules[name] = f"{module}.{alias.name}"
     else:
-        source_module.ours[name] = Symbol(module, alias.name)
+        source_module.imported[name] = Symbol(module, alias.name)
 
 
 def _is_module(name: str) -> bool:
@@ -109,8 +109,8 @@ def _targets(node: ast.Assign) -> list[str]:
 
 def _resolved(symbol: Symbol) -> Symbol:
     """Module that defines a name, through the imports of other modules."""
-    while symbol.name in _module(symbol.module).ours:
-        symbol = _module(symbol.module).ours[symbol.name]
+    while symbol.name in _module(symbol.module).imported:
+        symbol = _module(symbol.module).imported[symbol.name]
     return symbol
 
 
@@ -133,7 +133,7 @@ def _references(module: str, node: ast.AST) -> set[Symbol]:
     source_module, found = _module(module), set()
     for part in ast.walk(node):
         if isinstance(part, ast.Name) and (
-            part.id in source_module.definitions or part.id in source_module.ours
+            part.id in source_module.definitions or part.id in source_module.imported
         ):
             found.add(_resolved(Symbol(module, part.id)))
         elif _is_of_module(source_module, part):
@@ -174,7 +174,7 @@ def _content_with(symbol: Symbol, methods: frozenset[str]) -> _Content:
     node = _trimmed(symbol, methods)
     needed = frozenset(_references(symbol.module, node))
     attributes = frozenset(part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute))
-    at_once = frozenset(_references(symbol.module, _Outside().visit(node)))
+    at_once = frozenset(_references(symbol.module, _BodyRemover().visit(node)))
     return _Content(needed, at_once, attributes)
 
 
@@ -201,8 +201,8 @@ class _Bare(ast.NodeTransformer):
         """A function without annotations."""
         self.generic_visit(node)
         node.returns = None
-        every = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
-        for argument in (*every, node.args.vararg, node.args.kwarg):
+        arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+        for argument in (*arguments, node.args.vararg, node.args.kwarg):
             if argument is not None:
                 argument.annotation = None
         return node
@@ -221,7 +221,7 @@ class _Renamed(ast.NodeTransformer):
         self.own = _module(symbol.module)
 
     def _new(self, name: str) -> str:
-        if name not in self.own.definitions and name not in self.own.ours:
+        if name not in self.own.definitions and name not in self.own.imported:
             return name
         return self.names.get(_resolved(Symbol(self.module, name)), name)
 
@@ -307,7 +307,7 @@ def _sorted(symbols: set[Symbol]) -> list[Symbol]:
     return sorted(symbols, key=lambda symbol: (symbol.module, symbol.name))
 
 
-class _Outside(ast.NodeTransformer):
+class _BodyRemover(ast.NodeTransformer):
     """Takes the bodies of functions out, so that only what runs at their definition stays."""
 
     def visit_FunctionDef(self, node):  # noqa: N802

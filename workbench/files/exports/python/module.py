@@ -120,8 +120,10 @@ def observed_effects(arm: CalibratedArm) -> tuple:
 
 def _left_out(arm: CalibratedArm) -> str:
     observed = set(map(id, observed_effects(arm)))
-    rest = [effect.title for effect in arm.effects if id(effect) not in observed]
-    return f"Not in here, since they move no part of the arm: {', '.join(rest)}.\n" if rest else ""
+    titles = [effect.title for effect in arm.effects if id(effect) not in observed]
+    return (
+        f"Not in here, since they move no part of the arm: {', '.join(titles)}.\n" if titles else ""
+    )
 
 
 def _usage(arm: CalibratedArm) -> dict[str, str]:

@@ -25,7 +25,7 @@ from workbench.core.rigid import rotation_matrix
 _STEPS = 40
 _SOLVED_MM = 1e-3
 # outside the recorded range by more than this many of its extents a correction is not supported by the data
-_FAR = 1.0
+_MAX_EXTENTS = 1.0
 # extent of a joint that hardly moved in the recording: the correction itself moves it by part of a degree
 _LEAST_TURN_DEG, _LEAST_SLIDE_MM = 10.0, 100.0
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
@@ -176,17 +176,17 @@ class CorrectedArm:
 
     def _solved(self, found, wanted, covariates) -> tuple:
         """Readings (n, R) rad, mm after the search, what the joints can move of the error, and all of it (n,) mm."""
-        back = np.linalg.pinv(self.robot.mixing)
+        inverse_mixing = np.linalg.pinv(self.robot.mixing)
         for _ in range(_STEPS):
             frames = self._frames(found, covariates, self.effects)
             error = pose_difference(_poses(frames), wanted, self._point())
-            step, movable = self._step(frames, error, back)
+            step, movable = self._step(frames, error, inverse_mixing)
             if movable.max(initial=0) < _REACHED_MM:
                 break
-            found = found - np.clip(step, -self._most(), self._most())
+            found = found - np.clip(step, -self._largest_step(), self._largest_step())
         frames = self._frames(found, covariates, self.effects)
         error = pose_difference(_poses(frames), wanted, self._point())
-        return found, self._step(frames, error, back)[1], _size(error)
+        return found, self._step(frames, error, inverse_mixing)[1], _size(error)
 
     def _error(self, found, wanted, covariates) -> np.ndarray:
         """(6, n) mm and rad between the real and the wanted poses at readings (n, R) in rad, mm."""
@@ -206,10 +206,10 @@ class CorrectedArm:
     def _is_covered(self, shown, covariates) -> np.ndarray:
         """(n,) bool: whether readings (n, R) in deg, mm and covariates are in or near what was recorded."""
         covered = np.ones(len(shown), bool)
-        least = np.where(sliding(self.robot), _LEAST_SLIDE_MM, _LEAST_TURN_DEG)
+        min_extent = np.where(sliding(self.robot), _LEAST_SLIDE_MM, _LEAST_TURN_DEG)
         for k, slides in enumerate(sliding(self.robot)):
             ends = self.ranges.get(f"q{k + 1}_{'mm' if slides else 'deg'}")
-            covered &= _is_near(shown[:, k], ends, least[k])
+            covered &= _is_near(shown[:, k], ends, min_extent[k])
         load = self.robot.payload_mass
         given = {"payload_kg": 0.0, **(covariates or {})}
         for name, values in given.items():
@@ -234,14 +234,14 @@ class CorrectedArm:
     def _point(self):
         return self.task.point if self.task.is_deficient else np.zeros(3)
 
-    def _most(self) -> np.ndarray:
+    def _largest_step(self) -> np.ndarray:
         """(R,) largest change of a reading in one step: a radian, 100 mm of a slide."""
         return np.where(sliding(self.robot), 100.0, 1.0)
 
-    def _step(self, frames, error, back) -> tuple:
+    def _step(self, frames, error, inverse_mixing) -> tuple:
         if self.task.is_deficient:
             return joint_part(self.robot, frames, error, self.task)
-        return (back @ _joint_step(self.robot, frames, error)).T, _size(error)
+        return (inverse_mixing @ _joint_step(self.robot, frames, error)).T, _size(error)
 
     def _radians(self, readings) -> np.ndarray:
         given = np.atleast_2d(np.asarray(readings, float))
@@ -265,7 +265,7 @@ class CorrectedArm:
         columns = with_history(columns, self.robot.joints, n)
         payload = self.robot.payload_mass + columns.get("payload_kg", np.zeros(n))
         blank = np.zeros((3, n))
-        ones = np.ones((1, n))
+        unit_sigma = np.ones((1, n))
         state = State(
             self.robot,
             variables,
@@ -277,7 +277,9 @@ class CorrectedArm:
             np.ones(n, int),
             blank,
         )
-        chain = RobotChain(self.robot, Flange(), variables, ones, state, np.zeros(0), ones)
+        chain = RobotChain(
+            self.robot, Flange(), variables, unit_sigma, state, np.zeros(0), unit_sigma
+        )
         model = Model(chain, effects)
         known = {k: self.values[k] for k in model.parameters.keys if k in self.values}
         return chain, model, model.parameters.update(known)
@@ -291,14 +293,14 @@ def _poses(frames) -> np.ndarray:
     return poses
 
 
-def _is_near(values, ends, least):
-    """bool: whether values are outside a recorded range by at most its extent, which is at least `least`."""
+def _is_near(values, ends, min_extent):
+    """bool: whether values are outside a recorded range by at most its extent, which is at least `min_extent`."""
     if ends is None:
         return np.ones(np.shape(values), bool)
     low, high = ends
     rounding = 1e-9 * max(abs(low), abs(high))
     distance = np.maximum(np.maximum(low - values, values - high), 0.0)
-    return distance <= _FAR * max(high - low, least) + rounding
+    return distance <= _MAX_EXTENTS * max(high - low, min_extent) + rounding
 
 
 def _size(error) -> np.ndarray:

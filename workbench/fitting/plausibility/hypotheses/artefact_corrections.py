@@ -50,11 +50,11 @@ def _permutations(numbers):
                     f"are exchanged ({pairs})",
                     "correct them there or in artefact.csv",
                     moved,
-                    parts=len(moved) - 1,
+                    mistake_count=len(moved) - 1,
                 )
 
 
-def _relabelled(subject, statement, remedy, moved, parts=1) -> Correction:
+def _relabelled(subject, statement, remedy, moved, mistake_count=1) -> Correction:
     """Balls exchange their coordinates, which is the same as exchanging their numbers in every row."""
 
     def apply(robot, recording):
@@ -68,7 +68,7 @@ def _relabelled(subject, statement, remedy, moved, parts=1) -> Correction:
         remedy,
         frozenset({LABELS}),
         apply,
-        parts=parts,
+        parts=mistake_count,
     )
 
 

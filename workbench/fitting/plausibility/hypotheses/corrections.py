@@ -47,7 +47,7 @@ class Correction:
         return f"{self.subject} {self.statement}"
 
 
-def column_correction(cause, subject, statement, remedy, change, touches, **more) -> Correction:
+def column_correction(cause, subject, statement, remedy, change, touches, **options) -> Correction:
     """A correction by `change(columns)`, which returns the columns that differ; both ends of a pair are changed."""
 
     def apply(robot, recording):
@@ -57,7 +57,7 @@ def column_correction(cause, subject, statement, remedy, change, touches, **more
             columns |= {OTHER + name: column for name, column in other.items()}
         return robot, replace(recording, columns=columns)
 
-    return Correction(cause, subject, statement, remedy, frozenset(touches), apply, **more)
+    return Correction(cause, subject, statement, remedy, frozenset(touches), apply, **options)
 
 
 def join(corrections: Iterable[Correction]) -> Correction:
@@ -86,8 +86,8 @@ def join(corrections: Iterable[Correction]) -> Correction:
 
 def listed(words) -> str:
     """'a, b and c'."""
-    *most, last = map(str, words)
-    return f"{', '.join(most)} and {last}" if most else last
+    *leading, last = map(str, words)
+    return f"{', '.join(leading)} and {last}" if leading else last
 
 
 def named_columns(names) -> str:

@@ -38,7 +38,7 @@ def joint_corrections(robot, recording) -> Iterator[Correction]:
     joints = joint_columns(recording.columns)
     yield from (sign_correction((name,)) for name in joints)
     if len(joints) > 2:
-        yield sign_correction(tuple(joints), parts=1)  # one convention, of all of them
+        yield sign_correction(tuple(joints), mistake_count=1)  # one convention, of all of them
     yield from _units(recording, joints)
     yield from lost_decimal_points(recording, revolute_columns(recording), _WIDEST_DEG)
     # an offset of the first joint is absorbed by the base, one of the last joint by the tool
@@ -80,8 +80,8 @@ def unit_vectors(recording) -> Iterator[Correction]:
             yield from (_unit(names, unit, factor) for names in combinations(possible, count))
 
 
-def sign_correction(names, parts: int | None = None) -> Correction:
-    """Joint columns with the opposite sign; parts: elementary mistakes, one a column unless given."""
+def sign_correction(names, mistake_count: int | None = None) -> Correction:
+    """Joint columns with the opposite sign; mistake_count: elementary mistakes, one a column unless given."""
     verb, pronoun = ("has", "it") if len(names) == 1 else ("have", "them")
     numbers = listed([joint_number(name) for name in names])
     return column_correction(
@@ -91,7 +91,7 @@ def sign_correction(names, parts: int | None = None) -> Correction:
         f"negate {pronoun}, or write sign = -1 for joint {numbers} of the robot file",
         lambda columns: {name: -columns[name] for name in names},
         names,
-        parts=parts or len(names),
+        parts=mistake_count or len(names),
     )
 
 
@@ -101,7 +101,7 @@ def _units(recording, joints):
         fitting = [name for name in revolute if _could_hold(recording, name, factor)]
         yield from (_unit((name,), unit, factor) for name in fitting)
         if len(revolute) > 1 and (len(fitting) == len(revolute)):
-            yield _unit(tuple(revolute), unit, factor, parts=1)
+            yield _unit(tuple(revolute), unit, factor, mistake_count=1)
     for unit, factor in _LENGTH_UNITS.items():
         yield from (_unit((name,), unit, factor) for name in joints if name.endswith("_mm"))
 
@@ -118,7 +118,7 @@ def _could_hold(recording, name, factor) -> bool:
     return bool(np.ptp(values) > 0 and largest * factor < _WIDEST_DEG and is_large_enough)
 
 
-def _unit(names, unit, factor, parts=None) -> Correction:
+def _unit(names, unit, factor, mistake_count=None) -> Correction:
     return column_correction(
         "joint-unit",
         named_columns(names),
@@ -126,7 +126,7 @@ def _unit(names, unit, factor, parts=None) -> Correction:
         f"convert to {'mm' if names[0].endswith('_mm') else 'degrees'}: multiply by {factor:.7g}",
         lambda columns: {name: factor * columns[name] for name in names},
         names,
-        parts=parts or len(names),
+        parts=mistake_count or len(names),
     )
 
 
@@ -169,9 +169,9 @@ def _orders(joints):
 def _moved_on(joints, places) -> Correction:
     """Columns that are named so many places too far on, in a cycle."""
     sources = joints[places:] + joints[:places]
-    back = len(joints) - places
-    if back < places:
-        count, direction = back, "back"
+    backward_steps = len(joints) - places
+    if backward_steps < places:
+        count, direction = backward_steps, "back"
     else:
         count, direction = places, "on"
     words = "one place" if count == 1 else f"{count} places"

@@ -58,8 +58,11 @@ def _shifted(names, step) -> Correction:
 
     def apply(robot, recording):
         n = recording.n
-        mine = np.arange(max(0, -step), n - max(0, step))
-        columns = {c: v[mine + step if c in names else mine] for c, v in recording.columns.items()}
+        kept_rows = np.arange(max(0, -step), n - max(0, step))
+        columns = {
+            c: v[kept_rows + step if c in names else kept_rows]
+            for c, v in recording.columns.items()
+        }
         return robot, replace(recording, columns=columns)
 
     return Correction(
@@ -77,8 +80,10 @@ def _column_late(name: str, step: int) -> Correction:
 
     def apply(robot, recording):
         n = recording.n
-        mine = np.arange(max(0, -step), n - max(0, step))
-        columns = {c: v[mine + step if c == name else mine] for c, v in recording.columns.items()}
+        kept_rows = np.arange(max(0, -step), n - max(0, step))
+        columns = {
+            c: v[kept_rows + step if c == name else kept_rows] for c, v in recording.columns.items()
+        }
         return robot, replace(recording, columns=columns)
 
     rows = f"{abs(step)} row{'s' * (abs(step) > 1)}"

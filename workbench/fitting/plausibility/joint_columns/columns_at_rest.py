@@ -4,14 +4,14 @@ import numpy as np
 
 from datasets.samples.columns import POINT, joint_columns
 
-_LEAST_RUN, _MOST = 10, 0.7
+_LEAST_RUN, _MAX_SHARE = 10, 0.7
 
 
 def constant_columns(recording) -> list[str]:
     """Joint columns with one value only, where at least one other column varies."""
     names = joint_columns(recording.columns)
-    still = [name for name in names if np.ptp(recording.columns[name]) == 0]
-    return still if len(still) < len(names) else []
+    constant = [name for name in names if np.ptp(recording.columns[name]) == 0]
+    return constant if len(constant) < len(names) else []
 
 
 def constant_coordinates(recording) -> list[str]:
@@ -53,7 +53,7 @@ def longest_run(recording) -> tuple[str, int, int] | None:
     best = None
     for k, name in enumerate(names):
         others = np.delete(steps, k, axis=0)
-        stuck = ~steps[k] & (others.mean(axis=0) > _MOST)
+        stuck = ~steps[k] & (others.mean(axis=0) > _MAX_SHARE)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck, [0]]).astype(int)))
         for start, end in zip(edges[::2], edges[1::2]):
             if end - start >= _LEAST_RUN and (best is None or end - start > best[3]):

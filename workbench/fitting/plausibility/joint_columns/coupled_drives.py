@@ -153,12 +153,12 @@ class _Data:
         typical = np.array([p.typical for p in added])
         is_here = np.isin([p.key.partition(".")[0] for p in added], list(self.involved))
 
-        def of_sizes(elsewhere: float, here: float) -> float:
-            sizes = np.where(is_here, here, elsewhere) * typical
+        def of_sizes(other_size: float, local_size: float) -> float:
+            sizes = np.where(is_here, local_size, other_size) * typical
             return _log_evidence(y, columns, np.concatenate([self.prior, sizes]))
 
         best = max(_SIZES, key=lambda size: of_sizes(size, size))
-        return max(of_sizes(best, here) for here in _SIZES)
+        return max(of_sizes(best, local_size) for local_size in _SIZES)
 
 
 def _effects(model: Model) -> list[Effect]:

@@ -59,26 +59,26 @@ def coupled_readings(robot, recording, is_far: bool) -> list[Explanation]:
             break
         if best is None:
             break
-        ratios = _together(robot, chosen, [*ratios, best])
+        ratios = _refined_jointly(robot, chosen, [*ratios, best])
         if len(ratios) > 1 or not best.value.is_integer():
-            corrections = [_correction(robot, one) for one in ratios]
+            corrections = [_correction(robot, ratio) for ratio in ratios]
             found.append(Explanation(join(corrections), ratios[-1].fit))
     return found
 
 
-def _together(robot, recording, ratios: list[_Ratio]) -> list[_Ratio]:
+def _refined_jointly(robot, recording, ratios: list[_Ratio]) -> list[_Ratio]:
     """The ratios estimated in turn, each next to the others; the last one holds the fit with all."""
     for _ in range(_SWEEPS if len(ratios) > 1 else 0):
         for k in range(len(ratios)):
             others = _with_ratios(robot, ratios[:k] + ratios[k + 1 :])
-            again = _refined(others, recording, ratios[k].place, ratios[k].value)
-            ratios = [*ratios[:k], again or ratios[k], *ratios[k + 1 :]]
+            refined = _refined(others, recording, ratios[k].place, ratios[k].value)
+            ratios = [*ratios[:k], refined or ratios[k], *ratios[k + 1 :]]
     return ratios
 
 
 def _with_ratios(robot, ratios: list[_Ratio]):
-    for one in ratios:
-        robot = _with_ratio(robot, one.place, one.value)
+    for ratio in ratios:
+        robot = _with_ratio(robot, ratio.place, ratio.value)
     return robot
 
 
@@ -110,8 +110,12 @@ def _best_ratio(robot, recording, is_far: bool) -> _Ratio | None:
     if is_far:
         starts += _grid_points(robot, recording)
     refined = [_refined(robot, recording, place, ratio) for place, ratio in starts]
-    found = [one for one in refined if one is not None and one.fit.scale < _LOWER * fit.scale]
-    return min(found, key=lambda one: one.fit.scale, default=None)
+    found = [
+        candidate
+        for candidate in refined
+        if candidate is not None and candidate.fit.scale < _LOWER * fit.scale
+    ]
+    return min(found, key=lambda candidate: candidate.fit.scale, default=None)
 
 
 def _clear_changes(robot, recording, fit: Fit) -> list[tuple[tuple[int, int], float]]:
@@ -183,10 +187,14 @@ def _is_deflection(robot, recording, place, change: float) -> bool:
     law = change * (recording.joints[:, other] - recording.joints[:, other].mean())
     if np.abs(law).max() > _DEFLECTION_RAD:
         return False
-    own = robot.mixing[joint] @ recording.joints.T
-    waves = [np.ones_like(own)]
-    for angle in (recording.joints[:, other], own, own + recording.joints[:, other]):
+    joint_angle = robot.mixing[joint] @ recording.joints.T
+    waves = [np.ones_like(joint_angle)]
+    for angle in (
+        recording.joints[:, other],
+        joint_angle,
+        joint_angle + recording.joints[:, other],
+    ):
         waves += [np.cos(angle), np.sin(angle)]
     columns = np.stack(waves).T
-    rest = law - columns @ np.linalg.lstsq(columns, law, rcond=1e-9)[0]
-    return bool((rest**2).sum() < 0.1 * (law**2).sum())
+    remainder = law - columns @ np.linalg.lstsq(columns, law, rcond=1e-9)[0]
+    return bool((remainder**2).sum() < 0.1 * (law**2).sum())

@@ -19,7 +19,7 @@ from workbench.fitting.plausibility.sampling import even_rows
 
 CAUSE = "reading-scale"
 _ROWS, _STEPS, _ROUNDS = 240, 60, 4
-_MOST = 0.2
+_MAX_SCALE_ERROR = 0.2
 _SIGNIFICANT = 6.0  # standard deviations
 _TESTED = 2
 _SETTLED = 0.1  # standard deviations
@@ -84,7 +84,7 @@ def _refined(robot, recording, name: str, estimate: "_Estimate") -> Scale | None
     slope = 1.0
     for _ in range(_ROUNDS):
         slope *= 1 + estimate.change
-        if not abs(slope - 1) < _MOST:
+        if not abs(slope - 1) < _MAX_SCALE_ERROR:
             return None
         columns = {**recording.columns, name: slope * recording.columns[name]}
         corrected = replace(recording, columns=columns)
@@ -128,11 +128,11 @@ def _estimates(robot, recording, fit: Fit) -> dict[str, _Estimate]:
         scale = linear.solved(linear.readings[k], (reading - reading.mean())[None])
         if scale is None:
             continue
-        change, own = scale
-        gain = float(own[0, 0] * change[0] ** 2)
+        change, information = scale
+        gain = float(information[0, 0] * change[0] ** 2)
         cycle = None
         if name.endswith("_deg"):
             cycle = linear.solved(linear.readings[k], np.stack([np.cos(reading), np.sin(reading)]))
         is_sinusoidal = cycle is not None and float(cycle[0] @ cycle[1] @ cycle[0]) > gain
-        found[name] = _Estimate(float(change[0]), float(own[0, 0] ** -0.5), is_sinusoidal)
+        found[name] = _Estimate(float(change[0]), float(information[0, 0] ** -0.5), is_sinusoidal)
     return found

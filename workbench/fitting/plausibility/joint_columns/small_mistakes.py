@@ -23,11 +23,11 @@ from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import correction_sentence
 
 _ROWS, _STEPS = 240, 60
-_SAME_SIZE, _JUDGED = 4.0, 6
+_SAME_SIZE, _MAX_FITTED = 4.0, 6
 _LEVEL, _RELEVANT = 0.001, 1.1
 _EVIDENCE = 30.0
 """Difference of the negative log posteriors: odds of 10^13."""
-_FALLS, _NEAR = 2.0, 1.3
+_FALLS, _NEAR_RATIO = 2.0, 1.3
 _PLAUSIBLE = 5.0
 _LEAST_DEGREES = 12
 
@@ -71,8 +71,8 @@ def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
     ]
     if not found:
         return []
-    least = min(alternative.fit.scale for alternative in found)
-    close = [alternative for alternative in found if alternative.fit.scale <= CLOSE * least]
+    min_scale = min(alternative.fit.scale for alternative in found)
+    close = [alternative for alternative in found if alternative.fit.scale <= CLOSE * min_scale]
     best, *others = sorted(
         close, key=lambda alternative: (rank(alternative), alternative.fit.scale)
     )
@@ -105,20 +105,20 @@ def alternatives(robot, recording) -> list[Alternative]:
         if _is_moving(chosen, correction)
     ]
     limit = _SAME_SIZE * nominal_scale(robot, chosen)
-    near = [
+    promising = [
         screened.correction for screened in screen(robot, chosen, moving) if screened.scale <= limit
     ]
-    if not near:
+    if not promising:
         return []
     recorded = fit_recording(robot, chosen, steps=_STEPS)
-    judged = []
-    for correction in near[:_JUDGED]:
+    fitted = []
+    for correction in promising[:_MAX_FITTED]:
         try:
             fit = fit_recording(*correction.apply(robot, chosen), steps=_STEPS)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
-        judged.append(Alternative(correction, fit, recorded))
-    return judged
+        fitted.append(Alternative(correction, fit, recorded))
+    return fitted
 
 
 def _scaled(robot, recording) -> list[Alternative]:
@@ -138,7 +138,7 @@ def _coupled(robot, recording) -> list[Alternative]:
         return []
     chosen = recording.select(even_rows(recording, _ROWS))
     recorded = fit_recording(robot, chosen, steps=_STEPS)
-    return [Alternative(one.correction, one.fit, recorded) for one in found]
+    return [Alternative(explanation.correction, explanation.fit, recorded) for explanation in found]
 
 
 def _is_moving(recording, correction) -> bool:
@@ -167,5 +167,5 @@ def _explains(alternative: Alternative, noise: float) -> bool:
         return False
     corrected = alternative.correction.comparable(alternative.fit.scale)
     recorded = alternative.recorded.scale
-    to_noise = corrected < _NEAR * noise and recorded > _NEAR * corrected
+    to_noise = corrected < _NEAR_RATIO * noise and recorded > _NEAR_RATIO * corrected
     return to_noise or _FALLS * corrected < recorded

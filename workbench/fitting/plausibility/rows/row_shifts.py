@@ -79,8 +79,8 @@ def _change_from(
     first = steps.index(change.before)
     last = steps.index(change.after)
     fits = np.concatenate([costs[first, : change.row], costs[last, change.row :]]) < 1.0
-    parts = (fits[: change.row], fits[change.row :])
-    is_proven = all(len(part) >= _LEAST_PART and part.mean() > 0.5 for part in parts)
+    sections = (fits[: change.row], fits[change.row :])
+    is_proven = all(len(part) >= _LEAST_PART and part.mean() > 0.5 for part in sections)
     return change if is_proven and fits.mean() >= _NEARLY_ALL else None
 
 
@@ -100,13 +100,13 @@ def _least_cost_change(costs: np.ndarray, steps: Sequence[int]) -> _Change:
 
 def _suspicion(recording, change: _Change) -> Suspicion:
     ids = recording.sample_ids
-    parts = (
+    sections = (
         (f"samples {ids[0]} to {ids[change.row - 1]}", change.before),
         (f"samples {ids[change.row]} to {ids[-1]}", change.after),
     )
     sentences = [
         f"{rows} {f'hold the measurement of {place_of_measurement(step)}' if step else 'fit as they are'}"
-        for rows, step in parts
+        for rows, step in sections
     ]
     late = change.after - change.before
     rows = f"{abs(late)} row{'s' * (abs(late) > 1)}"

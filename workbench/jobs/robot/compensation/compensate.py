@@ -87,7 +87,7 @@ def compensate(
     poses: np.ndarray | None = None,
     covariates=None,
     anywhere: bool = False,
-    progress: Callable[[int, int], None] = lambda done, most: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Compensated:
     """Readings with which the calibrated arm puts its flange where the nominal arm would have put it.
 
@@ -105,13 +105,13 @@ def compensate(
         if anywhere:
             found = nearest_revolutions(arm.robot, found, _turn_reference(arm, readings))
     position, rotation = pose_sizes(_deviation(model_at(arm, found, target, covariates), arm, task))
-    best, least = found, np.full(len(found), np.inf)
+    best, smallest = found, np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
         step, movable = _reading_step(model_at(arm, found, target, covariates), arm, task)
         # a step next to a singular posture may lead away: the nearest readings are kept
-        best = np.where((movable < least)[:, None], found, best)
-        least = np.fmin(movable, least)
+        best = np.where((movable < smallest)[:, None], found, best)
+        smallest = np.fmin(movable, smallest)
         if movable.max(initial=0) < _REACHED_MM:
             break
         found = found - np.clip(step, -_reach(arm.robot), _reach(arm.robot))
@@ -121,7 +121,7 @@ def compensate(
     sigma = _sigma(arm, found, target, covariates)
     uncertainty = np.hypot(sigma, remaining_error_mm(arm))
     is_solved = _reading_step(model, arm, task)[1] < negligible_mm(uncertainty)
-    outside_limits = is_solved & ~_within(arm.robot, found)
+    outside_limits = is_solved & ~_is_within_limits(arm.robot, found)
     reached = is_solved & ~outside_limits
     # what an inversion that failed ends with is no place to send an arm to
     readings = np.where(reached[:, None], found, np.nan)
@@ -235,9 +235,9 @@ def model_at(arm, readings, target, covariates) -> Model:
         np.ones(n, int),
         blank,
     )
-    ones = np.ones((6, n))
+    unit_sigma = np.ones((6, n))
     return Model(
-        RobotChain(arm.robot, measurement, variables, ones, state, np.zeros(12), ones),
+        RobotChain(arm.robot, measurement, variables, unit_sigma, state, np.zeros(12), unit_sigma),
         arm.acting_effects,
     )
 
@@ -253,7 +253,7 @@ def _is_frame(key: str) -> bool:
     return place in ("base", "tool", "sensor") and "." not in name
 
 
-def _off(model, arm):
+def _pose_deviation(model, arm):
     """(6, n) actual minus wanted pose, and (n,) mm: its largest of place and of turn at a lever's length."""
     residual = model.residual(_parameters(model, arm))
     place = np.linalg.norm(residual[:3], axis=0)
@@ -264,7 +264,7 @@ def _off(model, arm):
 def _deviation(model, arm, task) -> np.ndarray:
     """(6, n) mm and rad: actual minus wanted pose, of a deficient arm at the point whose position comes first."""
     if not task.is_deficient:
-        return _off(model, arm)[0]
+        return _pose_deviation(model, arm)[0]
     frames = model.evaluate(_parameters(model, arm)).frames
     actual = transform(flange_matrices(frames), frames.end_origin.T)
     measured = model.chain.measurement
@@ -275,7 +275,7 @@ def _deviation(model, arm, task) -> np.ndarray:
 def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
     """(n, R) change of the readings that makes the deviation, and (n,) mm: what of it the joints can move."""
     if not task.is_deficient:
-        residual, distance = _off(model, arm)
+        residual, distance = _pose_deviation(model, arm)
         return least_squares(arm.robot.mixing, _step(model, arm, residual)).T, distance
     frames = model.evaluate(_parameters(model, arm)).frames
     deviation = _deviation(model, arm, task)
@@ -347,25 +347,25 @@ def search_readings(robot, start, target, task):
     """Readings (n, R) of the nominal arm nearest to the wanted poses, and (n,) whether it may and does get there."""
     bare = CalibratedArm(robot, (), {}, (), np.zeros((0, 0)), np.zeros(3), 0.0, True, "", {})
     found = best = start
-    least = np.full(len(start), np.inf)
+    smallest = np.full(len(start), np.inf)
     for _ in range(3 * _STEPS):
         step, movable = _reading_step(model_at(bare, found, target, None), bare, task)
-        best = np.where((movable < least)[:, None], found, best)
-        least = np.fmin(movable, least)
+        best = np.where((movable < smallest)[:, None], found, best)
+        smallest = np.fmin(movable, smallest)
         if movable.max(initial=0) < 1e-3:
             break
         found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
     found = _turned_back(robot, best)
     movable = _reading_step(model_at(bare, found, target, None), bare, task)[1]
-    return found, (movable < 1e-2) & _within(robot, found)
+    return found, (movable < 1e-2) & _is_within_limits(robot, found)
 
 
 def _turned_back(robot, readings):
     """The readings (n, R) less whole turns where that brings a joint within its limits."""
     low, high = robot.limits.T
     turns = np.round((readings - np.nan_to_num((low + high) / 2)) / (2 * np.pi))
-    outside = ~sliding(robot) & ((readings < low) | (readings > high))
-    return np.where(outside, readings - 2 * np.pi * turns, readings)
+    is_outside = ~sliding(robot) & ((readings < low) | (readings > high))
+    return np.where(is_outside, readings - 2 * np.pi * turns, readings)
 
 
 def _reach(robot):
@@ -373,7 +373,7 @@ def _reach(robot):
     return np.where(sliding(robot), 100.0, 1.0)
 
 
-def _within(robot, readings):
+def _is_within_limits(robot, readings):
     low, high = robot.limits.T
     return (
         (readings >= np.where(np.isnan(low), -np.inf, low))

@@ -164,8 +164,8 @@ def _sign_changes(robot: Robot, readings: np.ndarray) -> list[str]:
     if not places:
         return []
     return [
-        f"The configuration of the arm changes between targets {_some(places)}: the arm passes a singular posture or "
-        "moves far there. State readings for these targets, or a start for the search (--start)."
+        f"The configuration of the arm changes between targets {_listed_places(places)}: the arm passes a singular "
+        "posture or moves far there. State readings for these targets, or a start for the search (--start)."
     ]
 
 
@@ -179,9 +179,9 @@ def _far_turns(robot: Robot, readings: np.ndarray) -> list[str]:
     ]
     if not places:
         return []
-    return [f"A joint turns by more than 180 deg between targets {_some(places)}."]
+    return [f"A joint turns by more than 180 deg between targets {_listed_places(places)}."]
 
 
-def _some(places: Sequence[str]) -> str:
-    more = f" and {len(places) - _NAMED} more times" if len(places) > _NAMED else ""
-    return "; ".join(places[:_NAMED]) + more
+def _listed_places(places: Sequence[str]) -> str:
+    unlisted = f" and {len(places) - _NAMED} more times" if len(places) > _NAMED else ""
+    return "; ".join(places[:_NAMED]) + unlisted

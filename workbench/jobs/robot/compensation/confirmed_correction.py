@@ -8,7 +8,7 @@ from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensation.compensate import actual_poses, nominal_poses
 
 _POSES = 200
-_MOST = 3.0  # times the usual limits, whatever is confirmed: a person then states a limit
+_MAX_FACTOR = 3.0  # times the usual limits, whatever is confirmed: a person then states a limit
 _MARGIN = 1.5  # of corrections at targets over those at random poses, and of their RMS over that of measured errors
 
 
@@ -32,8 +32,8 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
         return LARGEST_MM, LARGEST_DEG
     position, rotation = pose_sizes(pose_difference(actual, nominal))
     return (
-        float(np.clip(_MARGIN * position.max(), LARGEST_MM, _MOST * LARGEST_MM)),
-        float(np.clip(_MARGIN * rotation.max(), LARGEST_DEG, _MOST * LARGEST_DEG)),
+        float(np.clip(_MARGIN * position.max(), LARGEST_MM, _MAX_FACTOR * LARGEST_MM)),
+        float(np.clip(_MARGIN * rotation.max(), LARGEST_DEG, _MAX_FACTOR * LARGEST_DEG)),
     )
 
 
@@ -51,12 +51,12 @@ def _recorded_readings(arm: CalibratedArm) -> np.ndarray | None:
 def _aligned_rms_mm(actual: np.ndarray, nominal: np.ndarray, point: np.ndarray) -> float:
     """RMS distance of a point on the tool between poses (n, 4, 4), after a fit of base and tool, linearised."""
     tool = np.append(point, 1.0)
-    there, here = (actual @ tool)[:, :3], (nominal @ tool)[:, :3]
-    centred = here - here.mean(0)
-    shifts = np.broadcast_to(np.eye(3), (len(here), 3, 3))
+    actual_points, nominal_points = (actual @ tool)[:, :3], (nominal @ tool)[:, :3]
+    centred = nominal_points - nominal_points.mean(0)
+    shifts = np.broadcast_to(np.eye(3), (len(nominal_points), 3, 3))
     size = max(float(np.abs(centred).max()), 1.0)
     rotations = np.stack([np.cross(axis, centred) / size for axis in np.eye(3)], axis=2)
     columns = np.concatenate([shifts, rotations, nominal[:, :3, :3]], axis=2).reshape(-1, 9)
-    error = (there - here).ravel()
-    rest = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
-    return float(np.sqrt((rest**2).sum() / len(here)))
+    error = (actual_points - nominal_points).ravel()
+    remainder = error - columns @ np.linalg.lstsq(columns, error, rcond=1e-9)[0]
+    return float(np.sqrt((remainder**2).sum() / len(nominal_points)))

@@ -51,7 +51,7 @@ _DETERMINED = 0.5
 # The error to expect is then sqrt(1 + 3^2) = 3.2 times what the calibration states for the targets it was tested on.
 _SIGMA_FACTOR = 3.0
 # Outside the recorded range, in extents of that range: accepted without a word, and with a warning.
-_NEAR, _FAR = 0.1, 1.0
+_ACCEPTED_EXTENTS, _MAX_EXTENTS = 0.1, 1.0
 # Extent of a joint that hardly moved in the recording: the correction itself moves it by part of a degree.
 _LEAST_TURN, _LEAST_SLIDE = np.deg2rad(10.0), 100.0
 LARGEST_JOINT_DEG = 10.0
@@ -100,7 +100,7 @@ class Limits:
         if None not in stated:
             return stated
         confirmed = largest_corrections(arm)
-        return tuple(most if given is None else given for given, most in zip(stated, confirmed))
+        return tuple(limit if given is None else given for given, limit in zip(stated, confirmed))
 
     def largest_sigma_mm(self, arm: CalibratedArm) -> float:
         """Standard uncertainty, mm, above which a target of this arm is refused."""
@@ -195,17 +195,15 @@ def _implausible_parameters(arm: CalibratedArm) -> str:
     if not deviations:
         return ""
     key = max(deviations, key=lambda name: abs(deviations[name]))
-    most = abs(deviations[key])
-    together = sum(value**2 for value in deviations.values())
-    is_one_far = most > _FAR_FROM_NOMINAL
-    if not is_one_far and chi2.sf(together, len(deviations)) > _FAR_PROBABILITY:
+    largest = abs(deviations[key])
+    sum_of_squares = sum(value**2 for value in deviations.values())
+    is_one_far = largest > _FAR_FROM_NOMINAL
+    if not is_one_far and chi2.sf(sum_of_squares, len(deviations)) > _FAR_PROBABILITY:
         return ""
-    sentence = (
-        f"parameter {key} is {_amount(arm, key)} from nominal, {most:.1f} prior standard deviations"
-    )
+    sentence = f"parameter {key} is {_amount(arm, key)} from nominal, {largest:.1f} prior standard deviations"
     if is_one_far:
         return sentence
-    rms = math.sqrt(together / len(deviations))
+    rms = math.sqrt(sum_of_squares / len(deviations))
     return f"{sentence}, and all {len(deviations)} determined parameters are {rms:.1f} from nominal on average (RMS)"
 
 
@@ -271,9 +269,10 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
         *unknown_load_words(arm, programme, shift),
     ]
     for covered in _coverages(arm, programme, found, bool(shift.any())):
-        is_refused = found.reached & (covered.outside > _FAR) & covered.is_read
+        is_refused = found.reached & (covered.excess > _MAX_EXTENTS) & covered.is_read
         reasons += [(row, covered.reason(row)) for row in np.flatnonzero(is_refused)]
-        warnings += covered.warning(found.reached & (covered.outside > _NEAR) & ~is_refused)
+        is_outside = found.reached & (covered.excess > _ACCEPTED_EXTENTS)
+        warnings += covered.warning(is_outside & ~is_refused)
     if arm.fitted_range is None:
         warnings.append(_NO_RANGES)
     refused: dict[int, list[str]] = {}
@@ -390,7 +389,7 @@ def _ends(limits) -> str:
 class _Coverage:
     """One column of the targets against the range that was recorded: `values` (n,), `low` and `high` in `unit`.
 
-    `outside` (n,): distance from the range in units of its extent; `is_read`: the correction depends on the column.
+    `excess` (n,): distance from the range in units of its extent; `is_read`: the correction depends on the column.
     """
 
     name: str
@@ -398,7 +397,7 @@ class _Coverage:
     low: float
     high: float
     unit: str
-    outside: np.ndarray
+    excess: np.ndarray
     is_read: bool
     is_recorded: bool = True
 
@@ -415,7 +414,9 @@ class _Coverage:
         if not rows.any():
             return []
         numbers = [str(k + 1) for k in np.flatnonzero(rows)]
-        more = f" and {len(numbers) - _NAMED_TARGETS} more" if len(numbers) > _NAMED_TARGETS else ""
+        unlisted = (
+            f" and {len(numbers) - _NAMED_TARGETS} more" if len(numbers) > _NAMED_TARGETS else ""
+        )
         meaning = (
             "the correction extrapolates"
             if self.is_read
@@ -425,7 +426,7 @@ class _Coverage:
             meaning += "; uncertainty_mm contains no deflection that the recording does not show"
         return [
             f"{self.name} is outside {self._range()}, which was recorded, in target "
-            f"{', '.join(numbers[:_NAMED_TARGETS])}{more}: {meaning}; record samples there or check these targets."
+            f"{', '.join(numbers[:_NAMED_TARGETS])}{unlisted}: {meaning}; record samples there or check these targets."
         ]
 
     def _range(self) -> str:
@@ -449,9 +450,9 @@ def _load(arm, programme, n) -> _Coverage:
     low, high = (tool + value for value in arm.fitted_range.get(LOAD, (0.0, 0.0)))
     values = tool + programme.covariates.get(LOAD, np.zeros(n))
     is_read = any(effect.elastic for effect in arm.acting_effects)
-    outside = _outside(values, low, high, max(high - low, high))
+    excess = _excess(values, low, high, max(high - low, high))
     is_recorded = not is_load_unrecorded(arm)
-    return _Coverage(_FLANGE_LOAD, values, low, high, "kg", outside, is_read, is_recorded)
+    return _Coverage(_FLANGE_LOAD, values, low, high, "kg", excess, is_read, is_recorded)
 
 
 def _other_covariates(arm, programme):
@@ -461,8 +462,8 @@ def _other_covariates(arm, programme):
         is_temperature = Covariate.of(name).kind == "temperature"
         if name in (LOAD, CLOCK) or values is None or not (name in read or is_temperature):
             continue  # the uncertainty grows with the time after the recording
-        outside = _outside(values, low, high, high - low)
-        yield _Coverage(name, values, low, high, "", outside, name in read)
+        excess = _excess(values, low, high, high - low)
+        yield _Coverage(name, values, low, high, "", excess, name in read)
 
 
 def _joints(arm, found):
@@ -472,12 +473,12 @@ def _joints(arm, found):
             continue
         low, high = arm.fitted_range[name]
         values = found.readings[:, k] if slides else np.rad2deg(found.readings[:, k])
-        least = _LEAST_SLIDE if slides else np.rad2deg(_LEAST_TURN)
-        outside = _outside(values, low, high, max(high - low, least))
-        yield _Coverage(name, values, low, high, name.rpartition("_")[2], outside, True)
+        min_extent = _LEAST_SLIDE if slides else np.rad2deg(_LEAST_TURN)
+        excess = _excess(values, low, high, max(high - low, min_extent))
+        yield _Coverage(name, values, low, high, name.rpartition("_")[2], excess, True)
 
 
-def _outside(values, low, high, extent) -> np.ndarray:
+def _excess(values, low, high, extent) -> np.ndarray:
     """(n,) distance from [low, high] in extents; 0 within, inf outside a range that has none, nan for nan."""
     distance = np.maximum(np.maximum(low - values, values - high), 0.0)
     rounding = 1e-9 * max(abs(low), abs(high))

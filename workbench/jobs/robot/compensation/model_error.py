@@ -55,7 +55,7 @@ def model_error_mm(arm: CalibratedArm) -> float | None:
     causes = noise.value, _of_parameters(arm, noise.value), _considered(arm)
     count = _coordinates(arm)
     if not count:
-        return _without(arm.held_out_mm, *causes)
+        return _remaining_sigma(arm.held_out_mm, *causes)
     known = sum(cause**2 for cause in causes)
     return math.sqrt(expected_discrepancy(arm.held_out_mm**2, known, noise.value**2, count))
 
@@ -63,11 +63,11 @@ def model_error_mm(arm: CalibratedArm) -> float | None:
 def remaining_error_mm(arm: CalibratedArm) -> float:
     """RMS mm that a target has apart from `sigma_mm`: the error of the model, with the noise where that is unknown."""
     error = model_error_mm(arm)
-    return _without(arm.held_out_mm, _considered(arm)) if error is None else error
+    return _remaining_sigma(arm.held_out_mm, _considered(arm)) if error is None else error
 
 
-def _without(total: float, *parts: float) -> float:
-    return math.sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
+def _remaining_sigma(total: float, *components: float) -> float:
+    return math.sqrt(max(total**2 - sum(part**2 for part in components), 0.0))
 
 
 def _of_parameters(arm: CalibratedArm, noise: float) -> float:

@@ -57,12 +57,15 @@ def point_uncertainty(model: Model, arm: CalibratedArm, recorded: Model | None) 
     # two points show the rotation of the tool, too: the balls are all at one place
     ends = [_point(recorded, arm, end) for end in (np.zeros(3), point)]
     recorded_places, recorded_offset, recorded_rows = (
-        np.concatenate(parts, axis=-1) for parts in zip(*ends)
+        np.concatenate(columns, axis=-1) for columns in zip(*ends)
     )
     origin_places, _, origin_rows = _point(model, arm, np.zeros(3))
     variances = [
-        _variances(without_common_motion(at, by, recorded_places, recorded_rows), covariance)
-        for at, by in ((places, rows), (origin_places, origin_rows))
+        _variances(
+            without_common_motion(point_places, point_rows, recorded_places, recorded_rows),
+            covariance,
+        )
+        for point_places, point_rows in ((places, rows), (origin_places, origin_rows))
     ]
     reference = recorded_places, recorded_offset
     return PointUncertainty(offset, np.maximum(*variances), parameters, places, reference)

@@ -77,17 +77,17 @@ def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
         readings, is_found = _found(
             programme.poses[rows], robot, _as_counted(data, programme, robot)
         )
-        said = []
+        notes = []
     else:
         readings, is_found = _as_recorded(programme, arm, data, rows, is_alike)
-        said = [_recorded_sentence(data[0].maker)]
+        notes = [_recorded_sentence(data[0].maker)]
     starts = programme.readings.copy()
     starts[rows[is_found]] = readings[is_found]
     is_whole = is_found.all() and len(rows) == _count_poses(programme)
     with_configuration = replace(
         programme, readings=starts, anywhere=not is_whole, is_configured=True
     )
-    return with_configuration, [*_sentences(column, rows, is_found), *said]
+    return with_configuration, [*_sentences(column, rows, is_found), *notes]
 
 
 def _count_poses(programme) -> int:
@@ -120,8 +120,8 @@ def _signs_of_sides(robot: Robot, signs: np.ndarray) -> np.ndarray:
     axes = forward(robot, np.zeros((_JOINTS, 1))).z[:, :, 0]
     growing = np.diag(robot.mixing) * signs
     # the wrist in the direction in which growing readings of joint 2 lean the arm, seen from axis 1
-    behind = axes[0, 2] * growing[1]
-    return np.sign([behind, (axes[1] @ axes[2]) * growing[2], -growing[4]])
+    lean_sign = axes[0, 2] * growing[1]
+    return np.sign([lean_sign, (axes[1] @ axes[2]) * growing[2], -growing[4]])
 
 
 def _as_recorded(
@@ -152,11 +152,11 @@ def _as_recorded(
 def _senses(is_stated: np.ndarray, is_alike: tuple[bool, bool]) -> list[tuple[int, ...]]:
     """The senses that the three sides may have: both of a stated side whose part counts unlike the controller."""
     is_known = (is_alike[0], is_alike[0], is_alike[1])
-    both = [
+    possible_senses = [
         (1, -1) if is_branch_stated and not known else (1,)
         for is_branch_stated, known in zip(is_stated, is_known)
     ]
-    return list(product(*both))
+    return list(product(*possible_senses))
 
 
 def _are_recorded(signs: np.ndarray, recorded: np.ndarray) -> bool:
@@ -224,20 +224,20 @@ def _recorded_sentence(maker: str) -> str:
 
 
 def _sentences(column, rows, is_found) -> list[str]:
-    said = []
+    notes = []
     if is_found.any():
-        said.append(
+        notes.append(
             f"The configuration data of {is_found.sum()} of {len(column)} positions "
             f"({column[rows[is_found][0]]}, ...) chose their configuration."
         )
     if not is_found.all():
         missing = [str(row + 1) for row in rows[~is_found]]
-        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
-        said.append(
+        unlisted = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        notes.append(
             f"No joint readings of the nominal arm in the stated configuration ({column[rows[~is_found][0]]}) reach "
-            f"position {', '.join(missing[:_NAMED])}{more}: another configuration is taken. Check these data."
+            f"position {', '.join(missing[:_NAMED])}{unlisted}: another configuration is taken. Check these data."
         )
-    return said
+    return notes
 
 
 __all__ = ["with_stated_configuration"]

@@ -18,24 +18,24 @@ def switched_off_warning(
     whole: the calibrated arm with all terms; arm: without some of them. Rows of nan, of targets that are not reached,
     do not count. The held-out error and the covariance of a solution are those of all its terms.
     """
-    off = [
+    disabled = [
         effect
         for effect in complete_arm.effects
         if all(effect is not remaining for remaining in arm.effects)
     ]
     reached = np.isfinite(readings).all(1)
-    if not off or not reached.any():
+    if not disabled or not reached.any():
         return ""
-    names = [term_names(effect.effect, effect.where, name_of(effect))[0] for effect in off]
+    names = [term_names(effect.effect, effect.where, name_of(effect))[0] for effect in disabled]
     rows = readings[reached]
     columns = {name: np.asarray(v)[reached] for name, v in (covariates or {}).items()}
-    lacking = covariates_read(complete_arm) - covariates_read(arm) - set(columns)
+    missing_columns = covariates_read(complete_arm) - covariates_read(arm) - set(columns)
     try:
         poses = [actual_poses(variant, rows, columns) for variant in (complete_arm, arm)]
         distance = np.linalg.norm(poses[0][:, :3, 3] - poses[1][:, :3, 3], axis=1)
         size = f"by up to {distance.max():.3g} mm (RMS {np.sqrt((distance**2).mean()):.3g} mm)"
         # a loop of unknown direction counts with its centre, which says nothing of its width
-        unknown = bool(lacking) and distance.max() < _ROUNDING_MM
+        unknown = bool(missing_columns) and distance.max() < _ROUNDING_MM
     except InputError:  # the targets lack a column that only these terms read
         unknown = True
     if unknown:

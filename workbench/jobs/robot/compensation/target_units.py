@@ -53,11 +53,11 @@ def _check_angles(arm: CalibratedArm, programme, readings: np.ndarray) -> None:
     if is_explained and (
         (is_outside & is_inside).any() or _are_all_near_zero(readings, high - low)
     ):
-        most = np.rad2deg(np.abs(readings).max())
+        largest_deg = np.rad2deg(np.abs(readings).max())
         raise complaint(
             programme.table.called,
             "joint angles in deg, near those of the recording",
-            f"none beyond {most:.3g} deg, and all in the recorded ranges if they are radians",
+            f"none beyond {largest_deg:.3g} deg, and all in the recorded ranges if they are radians",
             "multiply the angles by 57.29578, or add --force where the targets are right",
         )
 
@@ -76,8 +76,8 @@ def _check_positions(arm: CalibratedArm, programme, positions: np.ndarray) -> No
     if not distance.size or distance.max() > _SLACK * nearest:
         return
     for unit, factor in _LENGTH_UNITS.items():
-        near = factor * distance.min() > _SLACK * nearest
-        if near and factor * distance.max() < (1 + _SLACK) * farthest:
+        is_near = factor * distance.min() > _SLACK * nearest
+        if is_near and factor * distance.max() < (1 + _SLACK) * farthest:
             raise complaint(
                 programme.table.called,
                 "positions in mm, as far from the robot's root as those of the recording "

@@ -124,8 +124,8 @@ def _nearest(robot, poses_at, start: np.ndarray, wanted: np.ndarray):
     def derivative(reading):
         """(6, R) per rad, and per LEVER_MM of a slide; one call of the model for all steps."""
         steps = _STEP_RAD * np.diag(scale)
-        ahead, behind = np.split(residuals(np.concatenate([reading + steps, reading - steps])), 2)
-        return (ahead - behind).T / (2 * _STEP_RAD)
+        ahead, backward = np.split(residuals(np.concatenate([reading + steps, reading - steps])), 2)
+        return (ahead - backward).T / (2 * _STEP_RAD)
 
     nearest = least_squares(
         lambda move: residuals((start + scale * move)[None])[0],

@@ -31,9 +31,9 @@ def compensate_programme(arm: CalibratedArm, programme, covariates, progress=Non
 
     programme: `workbench.files.targets.Programme`; covariates, progress: as of `compensate`.
     """
-    more = {} if progress is None else {"progress": progress}
+    options = {} if progress is None else {"progress": progress}
     found = compensate(
-        arm, programme.readings, programme.poses, covariates, programme.anywhere, **more
+        arm, programme.readings, programme.poses, covariates, programme.anywhere, **options
     )
     shift = deflection_mm(arm, programme, found, covariates)
     return replace(

@@ -16,7 +16,7 @@ from datasets.importers.sources.clouds import read_cloud
 from datasets.importers.units import LENGTHS
 from sensors.ball.search import find_balls
 from workbench.core.errors import InputError
-from workbench.recordings.importing.ball_scans.scan_review import radius_doubt
+from workbench.recordings.importing.ball_scans.scan_review import radius_suspicion
 
 _MOST_POINTS, _KEPT_POINTS = 60_000, 600
 _UNITS = ("mm", "m", "in")
@@ -30,7 +30,7 @@ def with_ball_centres(found, options, progress):
 
     Raises InputError where the radius is not stated, clouds and rows do not correspond, or a cloud shows no ball.
     """
-    table, clouds, said = joint_scans(found, options)
+    table, clouds, notes = joint_scans(found, options)
     unit = cloud_unit(clouds, options.ball_radius_mm)
     centres, sigmas, rows_with_balls, failed, surfaces = [], [], [], [], []
     for row, path in enumerate(clouds):
@@ -49,14 +49,14 @@ def with_ball_centres(found, options, progress):
             f"found it in {len(rows_with_balls)} of {len(clouds)}; correct --ball-radius or check the clouds."
         )
     if failed:
-        said = (
-            *said,
+        notes = (
+            *notes,
             f"No ball of radius {options.ball_radius_mm:g} mm in {', '.join(failed[:5])}; left out.",
         )
     table = table.take(np.array(rows_with_balls))
-    doubt = radius_doubt(surfaces, options.ball_radius_mm)
-    doubts = () if doubt is None else (f"{table.file}: {doubt}.",)
-    return _extended(found, table, np.array(centres), np.array(sigmas), said), doubts
+    suspicion = radius_suspicion(surfaces, options.ball_radius_mm)
+    suspicions = () if suspicion is None else (f"{table.file}: {suspicion}.",)
+    return _extended(found, table, np.array(centres), np.array(sigmas), notes), suspicions
 
 
 def joint_scans(found, options):
@@ -75,7 +75,7 @@ def joint_scans(found, options):
     return matched_clouds(found.table, found.source.clouds)
 
 
-def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, said):
+def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, notes):
     columns = {**table.columns, **dict(zip(_NAMES, centres.T)), _SIGMA: np.maximum(sigmas, 1e-4)}
     mapping = replace(
         found.mapping,
@@ -84,7 +84,7 @@ def _extended(found, table: RawTable, centres: np.ndarray, sigmas: np.ndarray, s
         columns={**found.mapping.columns, _SIGMA: "sigma_mm"},
     )
     table = replace(table, columns=columns)
-    return replace(found, table=table, mapping=mapping, warnings=(*found.warnings, *said))
+    return replace(found, table=table, mapping=mapping, warnings=(*found.warnings, *notes))
 
 
 def matched_clouds(table: RawTable, clouds: Sequence[Path]):
@@ -97,12 +97,12 @@ def matched_clouds(table: RawTable, clouds: Sequence[Path]):
         stems = [Path(str(cell).replace("\\", "/")).stem.lower() for cell in cells]
         rows = [row for row, stem in enumerate(stems) if stem in by_stem]
         if len(rows) >= max(_FEWEST, table.n // 2):
-            said = (
+            notes = (
                 ()
                 if len(rows) == table.n
                 else (f"{table.n - len(rows)} rows have no cloud and are left out.",)
             )
-            return table.take(np.array(rows)), [by_stem[stems[row]] for row in rows], said
+            return table.take(np.array(rows)), [by_stem[stems[row]] for row in rows], notes
     if len(ordered) != table.n:
         raise InputError(
             f"{table.file}: expected as many rows as clouds or a column with the names of the cloud files, found "
@@ -113,16 +113,16 @@ def matched_clouds(table: RawTable, clouds: Sequence[Path]):
 
 def cloud_unit(clouds: Sequence[Path], radius: float) -> str:
     """The unit in which most of the first clouds show a ball of the radius. Raises InputError where none does."""
-    some = clouds[: min(3, len(clouds))]
+    first_clouds = clouds[: min(3, len(clouds))]
     found = {
-        unit: sum(ball_in_cloud(path, unit, radius)[0] is not None for path in some)
+        unit: sum(ball_in_cloud(path, unit, radius)[0] is not None for path in first_clouds)
         for unit in _UNITS
     }
     best = max(found, key=found.get)
     if not found[best]:
         raise InputError(
-            f"{some[0].name}: expected a ball of radius {radius:g} mm with coordinates in {', '.join(_UNITS)}, found "
-            "none; correct --ball-radius or check the cloud."
+            f"{first_clouds[0].name}: expected a ball of radius {radius:g} mm with coordinates in {', '.join(_UNITS)}, "
+            "found none; correct --ball-radius or check the cloud."
         )
     return best
 

@@ -11,7 +11,7 @@ from datasets.importers.mapping.candidates import length_units
 from datasets.importers.mapping.conversion import complete_rows, other_columns, point_columns
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.recording import Recording
-from workbench.recordings.importing.ball_scans.scan_review import Scans, pose_doubts
+from workbench.recordings.importing.ball_scans.scan_review import Scans, pose_suspicions
 from workbench.recordings.importing.ball_scans.surface_scans import compare_poses
 from workbench.recordings.importing.board_images.pose_readings import (
     flange_readings,
@@ -44,7 +44,7 @@ def import_centres(found, options, progress) -> Made | None:
     if not is_centres or found.timed is not None or found.table is None:
         return None
     mapping = replace(mapping, measures="ball-centre", rotation=None, axis=None)
-    rows, said = complete_rows(found.table, mapping)
+    rows, notes = complete_rows(found.table, mapping)
     others = other_columns(rows, mapping)
     if rows.n < _FEWEST or len(np.unique(others.get("ball", [1]))) > 1:
         return None
@@ -55,12 +55,18 @@ def import_centres(found, options, progress) -> Made | None:
     lines = [reading_line(interpretation) for _, interpretation, _ in readings]
     chosen = choose_reading(lines, fits, f"{rows.file}, flange poses", options.ask)
     _, mapping, poses = readings[chosen]
-    doubts = tuple(
-        f"{rows.file}: {doubt}."
-        for doubt in pose_doubts(_scans(rows, mapping.point).with_poses(poses))
+    suspicions = tuple(
+        f"{rows.file}: {suspicion}."
+        for suspicion in pose_suspicions(_scans(rows, mapping.point).with_poses(poses))
     )
     recording = _recording(rows, mapping, others, options)
-    return Made(recording, mapping, tuple(fit for _, fit in fits), (*said, *doubts), doubts=doubts)
+    return Made(
+        recording,
+        mapping,
+        tuple(fit for _, fit in fits),
+        (*notes, *suspicions),
+        suspicions=suspicions,
+    )
 
 
 def _compared(rows, mapping: Mapping):

@@ -10,7 +10,7 @@ from datasets.recording import Recording
 from sensors.hand_eye.circles import Circles
 from workbench.files.images.flange import flange_poses
 from workbench.recordings.importing.ball_scans.ball_clouds import joint_scans
-from workbench.recordings.importing.ball_scans.scan_review import Scans, profile_radius_doubt
+from workbench.recordings.importing.ball_scans.scan_review import Scans, profile_radius_suspicion
 from workbench.recordings.importing.ball_scans.surface_scans import profile_circles, read_profiles
 from workbench.recordings.importing.measured_robot import Made, import_table
 
@@ -25,34 +25,39 @@ def import_profiles(found, options, progress) -> Made:
     found, options: `Found` and `ImportOptions` of the import. Raises InputError where rows and files do not correspond,
     a file shows no section of the ball, or as `import_table`.
     """
-    table, files, said = joint_scans(found, options)
+    table, files, notes = joint_scans(found, options)
     progress("finding the ball in every profile")
     points = read_profiles(files, options.ball_radius_mm)
     circles = profile_circles(points, options.ball_radius_mm)
     on_ball = np.split(circles.used, np.cumsum([part.shape[1] for part in points])[:-1])
     points = [part[:, used] for part, used in zip(points, on_ball)]
-    own = found.mapping
+    found_mapping = found.mapping
     mapping = replace(
-        own,
+        found_mapping,
         measures="ball-surface",
         point=Group(_POINT, "mm"),
-        columns={**own.columns, _FILE: "pose"},
+        columns={**found_mapping.columns, _FILE: "pose"},
     )
-    warnings = (*found.warnings, *said, *circles.why)
+    warnings = (*found.warnings, *notes, *circles.why)
     by_point = replace(found, table=_point_rows(table, points), mapping=mapping, warnings=warnings)
     made = import_table(by_point, options, progress)
     recording, rows = _with_all_points(made.recording, points)
-    doubts = _radius_doubts(table, circles, recording, rows, options.ball_radius_mm)
-    kept = replace(made.mapping, measures=own.measures, point=own.point, columns=own.columns)
-    return replace(made, recording=recording, mapping=kept).with_doubts(doubts)
+    suspicions = _radius_suspicions(table, circles, recording, rows, options.ball_radius_mm)
+    kept = replace(
+        made.mapping,
+        measures=found_mapping.measures,
+        point=found_mapping.point,
+        columns=found_mapping.columns,
+    )
+    return replace(made, recording=recording, mapping=kept).with_suspicions(suspicions)
 
 
 def _point_rows(table: RawTable, points) -> RawTable:
     """The table with some points of each profile: a row of joint readings for each of them."""
-    some = [_evenly(part) for part in points]
-    rows = np.repeat(np.arange(table.n), [part.shape[1] for part in some])
+    chosen = [_evenly(part) for part in points]
+    rows = np.repeat(np.arange(table.n), [part.shape[1] for part in chosen])
     repeated = table.take(rows)
-    columns = {**repeated.columns, **dict(zip(_POINT, np.concatenate(some, axis=1)))}
+    columns = {**repeated.columns, **dict(zip(_POINT, np.concatenate(chosen, axis=1)))}
     columns[_FILE] = rows + 1.0
     return replace(repeated, columns=columns)
 
@@ -66,20 +71,22 @@ def _with_all_points(tested: Recording, points) -> tuple[Recording, np.ndarray]:
     """The recording with every point of its profiles, and (P,) the row of the table of each profile."""
     number, first = np.unique(tested.columns["pose"], return_index=True)
     rows = number.astype(int) - 1
-    parts = [points[row] for row in rows]
-    count = [part.shape[1] for part in parts]
+    points_of_rows = [points[row] for row in rows]
+    count = [part.shape[1] for part in points_of_rows]
     columns = {name: np.repeat(cells[first], count) for name, cells in tested.columns.items()}
     columns["sample"] = np.arange(1.0, sum(count) + 1)
-    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.concatenate(parts, axis=1)))
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.concatenate(points_of_rows, axis=1)))
     return replace(tested, columns=columns), rows
 
 
-def _radius_doubts(table: RawTable, circles: Circles, recording, rows, radius) -> tuple[str, ...]:
+def _radius_suspicions(
+    table: RawTable, circles: Circles, recording, rows, radius
+) -> tuple[str, ...]:
     """A sentence where the profiles show a ball of another radius at the poses of the nominal arm."""
     # by the number of the profile: two profiles with equal joint readings are one pose, but two circles
     first = np.unique(recording.columns["pose"], return_index=True)[1]
     seen = np.concatenate([circles.centre, [circles.radius]])[:, rows]
     names = [f"row {line}" for line in table.lines[rows]]
     scans = Scans(seen, flange_poses(recording)[first], names, radius, is_profile=True)
-    doubt = profile_radius_doubt(scans)
-    return () if doubt is None else (f"{table.file}: {doubt}.",)
+    suspicion = profile_radius_suspicion(scans)
+    return () if suspicion is None else (f"{table.file}: {suspicion}.",)

@@ -80,34 +80,34 @@ def trimmed_rms_mm(scans: Scans) -> float:
     return rms_mm(scans.take(~wrong))
 
 
-def pose_doubts(scans: Scans) -> tuple[str, ...]:
+def pose_suspicions(scans: Scans) -> tuple[str, ...]:
     """Parts of sentences on scans whose flange poses do not fit the others, and on rotations that are missing."""
     missing = motion(scans.poses, "in-hand").sentences
     if missing:
         return tuple(
             f"the flange poses do not determine everything: {parameter}" for parameter in missing
         )
-    wrong, away = _outlying(scans)
+    wrong, distances = _outlying(scans)
     if not wrong.any():
         return ()
-    pair = _exchanged(scans, wrong, away)
+    pair = _exchanged(scans, wrong, distances)
     if pair is not None:
         first, second = (scans.names[place] for place in pair)
         return (
             f"the flange poses of {first} and {second} look exchanged: the ball then keeps its place; correct the "
             "order of these rows",
         )
-    ordered = np.flatnonzero(wrong)[np.argsort(-away[wrong])]
-    words = [f"{scans.names[place]} ({away[place]:.3g} mm)" for place in ordered[:_NAMED]]
-    more = [f"{len(ordered) - _NAMED} more"] if len(ordered) > _NAMED else []
+    ordered = np.flatnonzero(wrong)[np.argsort(-distances[wrong])]
+    words = [f"{scans.names[place]} ({distances[place]:.3g} mm)" for place in ordered[:_NAMED]]
+    unlisted = [f"{len(ordered) - _NAMED} more"] if len(ordered) > _NAMED else []
     return (
-        f"the flange poses of {len(ordered)} of {len(away)} scans do not fit those of the others: the ball seems to be "
-        f"displaced in {', '.join([*words, *more])}; check the pose and the file of these rows, and correct or remove "
-        "them",
+        f"the flange poses of {len(ordered)} of {len(distances)} scans do not fit those of the others: the ball seems "
+        f"to be displaced in {', '.join([*words, *unlisted])}; check the pose and the file of these rows, and correct "
+        "or remove them",
     )
 
 
-def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
+def radius_suspicion(clouds: Sequence[np.ndarray], stated: float) -> str | None:
     """A part of a sentence where clouds (3, k) show a ball of another radius than the stated one, mm; else None."""
     found = []
     for points in clouds:
@@ -128,7 +128,7 @@ def radius_doubt(clouds: Sequence[np.ndarray], stated: float) -> str | None:
     )
 
 
-def profile_radius_doubt(scans: Scans) -> str | None:
+def profile_radius_suspicion(scans: Scans) -> str | None:
     """The same of profiles, whose flange poses tell how far each light plane passes from the ball's centre.
 
     The radius is fitted together with hand-eye and ball. Its sigma is the difference over the root of F, the fall of
@@ -146,14 +146,15 @@ def profile_radius_doubt(scans: Scans) -> str | None:
     variance = free.rms**2 * kept.seen.size / degrees
     fall = (stated.rms**2 - free.rms**2) * kept.seen.size
     radius = float(free.values[9])
-    away = abs(radius - scans.radius)
+    deviation = abs(radius - scans.radius)
     if free.rms > _ACCURATE_SHARE * scans.radius:
         return None  # the poses of this arm are too inaccurate to tell
-    if fall < _SIGMAS**2 * variance or away < _LEAST_SHARE * scans.radius:
+    if fall < _SIGMAS**2 * variance or deviation < _LEAST_SHARE * scans.radius:
         return None
     return (
-        f"the profiles show a ball of radius {radius:.4g} mm (standard deviation {away * np.sqrt(variance / fall):.2g} "
-        f"mm), and --ball-radius states {scans.radius:g} mm; correct the radius, or the scale of the sensor"
+        f"the profiles show a ball of radius {radius:.4g} mm (standard deviation "
+        f"{deviation * np.sqrt(variance / fall):.2g} mm), and --ball-radius states {scans.radius:g} mm; "
+        "correct the radius, or the scale of the sensor"
     )
 
 
@@ -161,22 +162,24 @@ def _outlying(scans: Scans) -> tuple[np.ndarray, np.ndarray]:
     """(P,) which scans do not fit the others, none where they are too many; (P,) mm by which the ball is displaced."""
     wrong = np.zeros(len(scans.poses), bool)
     for _ in range(_SWEEPS):
-        away = scans.take(~wrong).fit()(scans)
-        found = away > _limit(away)
+        distances = scans.take(~wrong).fit()(scans)
+        found = distances > _limit(distances)
         if found.mean() > _MOST_OFF_SHARE:
-            return np.zeros(len(wrong), bool), away
+            return np.zeros(len(wrong), bool), distances
         if (found == wrong).all():
             break
         wrong = found
-    return wrong, away
+    return wrong, distances
 
 
-def _limit(away: np.ndarray) -> float:
+def _limit(distances: np.ndarray) -> float:
     """mm beyond which a scan does not fit the others."""
-    return max(_OUTLYING * float(np.median(away)), _LEAST_MM)
+    return max(_OUTLYING * float(np.median(distances)), _LEAST_MM)
 
 
-def _exchanged(scans: Scans, wrong: np.ndarray, away: np.ndarray) -> tuple[int, int] | None:
+def _exchanged(
+    scans: Scans, wrong: np.ndarray, scan_distances: np.ndarray
+) -> tuple[int, int] | None:
     """Two outlying scans that fit with the pose of each other; None where there are none, or other scans are wrong."""
     places = np.flatnonzero(wrong)
     if len(places) != 2:
@@ -184,4 +187,4 @@ def _exchanged(scans: Scans, wrong: np.ndarray, away: np.ndarray) -> tuple[int, 
     distances = scans.take(~wrong).fit()
     pair = scans.take(places)
     distance = distances(pair.with_poses(pair.poses[::-1]))
-    return (int(places[0]), int(places[1])) if (distance < _limit(away)).all() else None
+    return (int(places[0]), int(places[1])) if (distance < _limit(scan_distances)).all() else None

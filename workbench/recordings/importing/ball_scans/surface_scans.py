@@ -24,9 +24,9 @@ from workbench.recordings.importing.ball_scans.ball_clouds import (
 )
 from workbench.recordings.importing.ball_scans.scan_review import (
     Scans,
-    pose_doubts,
-    profile_radius_doubt,
-    radius_doubt,
+    pose_suspicions,
+    profile_radius_suspicion,
+    radius_suspicion,
     rms_mm,
     trimmed_rms_mm,
 )
@@ -71,7 +71,7 @@ def import_scans(found, options, progress) -> Made:
             f"{first}: expected the certified radius of the ball, which decides the unit of the points, found none; "
             "add --ball-radius MM."
         )
-    rows, files, said = matched_clouds(found.table, found.source.clouds)
+    rows, files, notes = matched_clouds(found.table, found.source.clouds)
     rows, dropped = complete_rows(rows, found.mapping)
     if dropped:
         raise InputError(f"{dropped[0]} Remove their files or complete the rows.")
@@ -93,10 +93,10 @@ def import_scans(found, options, progress) -> Made:
     scans = Scans(seen, np.empty(0), names, radius, is_profile)
     mapping, fits, warnings = _decided(found, rows, scans, options, progress)
     if not is_profile:
-        warnings = [*warnings, *filter(None, [radius_doubt(points, radius)])]
-    warnings = tuple(f"{rows.file}: {doubt}." for doubt in warnings)
+        warnings = [*warnings, *filter(None, [radius_suspicion(points, radius)])]
+    warnings = tuple(f"{rows.file}: {suspicion}." for suspicion in warnings)
     recording = _recording(rows, mapping, points, radius, options)
-    return Made(recording, mapping, fits, (*said, *warnings), doubts=warnings)
+    return Made(recording, mapping, fits, (*notes, *warnings), suspicions=warnings)
 
 
 def is_profile_file(path: Path) -> bool:
@@ -121,10 +121,10 @@ def _decided(found, rows, scans: Scans, options, progress):
     _, mapping, poses = readings[chosen]
     progress("comparing flange poses and scans")
     placed = scans.with_poses(poses)
-    doubts = list(pose_doubts(placed))
+    suspicions = list(pose_suspicions(placed))
     if scans.is_profile:
-        doubts += filter(None, [profile_radius_doubt(placed)])
-    return mapping, tuple(fit for _, fit in fits), doubts
+        suspicions += filter(None, [profile_radius_suspicion(placed)])
+    return mapping, tuple(fit for _, fit in fits), suspicions
 
 
 def _seen(points, radius: float, is_profile: bool) -> np.ndarray:
@@ -161,8 +161,8 @@ def _clouds(files, radius) -> list[np.ndarray]:
     clouds = []
     for path in files:
         points = scale * read_cloud(path, _MOST_POINTS).T
-        away = np.linalg.norm(points.mean(1))
-        view = points.mean(1) / away if away > radius else np.array([0.0, 0.0, 1.0])
+        distance = np.linalg.norm(points.mean(1))
+        view = points.mean(1) / distance if distance > radius else np.array([0.0, 0.0, 1.0])
         balls = find_balls(points, [radius], view=view)
         if not balls:
             raise InputError(
@@ -223,12 +223,12 @@ def compare_poses(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:
     """
     count = scans.seen.shape[1]
     rows = np.unique(np.linspace(0, count - 1, min(count, _TESTED_POSES)).astype(int))
-    some = replace(scans, poses=np.zeros((count, 4, 4))).take(rows)
-    retained = _screened(readings, some, rows)
-    fits = [_fit(k, readings, some, rows, rms_mm) for k in retained]
+    tested = replace(scans, poses=np.zeros((count, 4, 4))).take(rows)
+    retained = _screened(readings, tested, rows)
+    fits = [_fit(k, readings, tested, rows, rms_mm) for k in retained]
     fits.sort(key=lambda item: item[1].improbability)
     if fits and not fits[0][1].is_good:
-        fits = [_fit(k, readings, some, rows, trimmed_rms_mm) for k, _ in fits[:_TRIMMED]]
+        fits = [_fit(k, readings, tested, rows, trimmed_rms_mm) for k, _ in fits[:_TRIMMED]]
         fits.sort(key=lambda item: item[1].improbability)
     return fits
 
@@ -287,10 +287,12 @@ def _still_ball_cost(seen, poses, is_profile) -> float:
 
 def _linear_cost(seen, poses, is_profile) -> float:
     """Share of the squared coordinates that a linear model of flange poses (P, 4, 4) leaves; nan for too few poses."""
-    back = poses[:, :3, :3].transpose(0, 2, 1)
-    home = np.einsum("pij,pj->pi", back, poses[:, :3, 3])
+    inverse_rotation = poses[:, :3, :3].transpose(0, 2, 1)
+    home = np.einsum("pij,pj->pi", inverse_rotation, poses[:, :3, 3])
     scale = max(np.abs(home).max(), 1e-9)
-    rows = np.concatenate([back.reshape(-1, 9), home / scale, np.ones((len(back), 1))], axis=1)
+    rows = np.concatenate(
+        [inverse_rotation.reshape(-1, 9), home / scale, np.ones((len(inverse_rotation), 1))], axis=1
+    )
     measured = seen[:2].T if is_profile else seen.T
     if len(rows) <= rows.shape[1] + _SPARE:
         return np.nan

@@ -84,7 +84,7 @@ def import_images(found, options, folder: Path, progress) -> Made:
     if found.table is None:
         images = _linked_images(found.source.images, folder)
         return Made(_recording({}, images, board, folder, {}, options.name), mapping, (), ())
-    table, said = matched_rows(found.source.images, found.table)
+    table, notes = matched_rows(found.source.images, found.table)
     images = _linked_images([image for image, _ in table], folder)
     rows = found.table.take(np.array([row for _, row in table]))
     rows, dropped = complete_rows(rows, mapping)
@@ -120,15 +120,15 @@ def import_images(found, options, folder: Path, progress) -> Made:
     columns |= {name: cells for name, cells in others.items() if cells.dtype.kind == "f"}
     columns |= {SESSION: rows.columns[SESSION]} if SESSION in rows.columns else {}
     recording = _recording(columns, images, board, folder, keys, options.name)
-    return Made(recording, mapping, fits, (*said, *warnings), doubts=warnings)
+    return Made(recording, mapping, fits, (*notes, *warnings), suspicions=warnings)
 
 
 def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
     """Raise InputError where rows have one and the same pose, although the board moved between their images."""
     poses = readings[0][2][views.rows]
     seen = views.seen[0]
-    away = np.linalg.norm(seen[:, None, :3, 3] - seen[None, :, :3, 3], axis=-1)
-    wrong = [(a, b) for a, b in equal_poses(poses) if away[a, b] > _MOVED_MM]
+    distances = np.linalg.norm(seen[:, None, :3, 3] - seen[None, :, :3, 3], axis=-1)
+    wrong = [(a, b) for a, b in equal_poses(poses) if distances[a, b] > _MOVED_MM]
     if not wrong:
         return
     first, later = wrong[0]
@@ -136,18 +136,18 @@ def _check_equal_poses(readings, views: BoardViews, rows: RawTable) -> None:
     raise InputError(
         f"{rows.file}, rows {numbers[first]} and {numbers[later]}: expected the flange pose of each image, found the "
         f"pose of an earlier row in {len(wrong)} of {len(poses)} rows, although the board moved by "
-        f"{away[first, later]:.0f} mm between the images; {EQUAL_REMEDY}, or repeat with --trust-data."
+        f"{distances[first, later]:.0f} mm between the images; {EQUAL_REMEDY}, or repeat with --trust-data."
     )
 
 
 def _plausible(poses: np.ndarray, views: BoardViews, kind: str) -> tuple[str, ...]:
     """Sentences on what relative motions and missing rotations say of the poses (k, 4, 4) of the tested images."""
-    said = [
+    sentences = [
         f"The flange poses do not determine everything: {sentence}."
         for sentence in motion(poses, kind).sentences
     ]
-    if said:
-        return tuple(said)
+    if sentences:
+        return tuple(sentences)
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
     labels = agreeing_labels(measured[..., :3, :3], poses[:, :3, :3])
     seen = views.seen[labels, np.arange(len(views.rows))]
@@ -210,11 +210,11 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
 
     count = len(recording.images)
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
-    some = replace(recording, images=tuple(recording.images[row] for row in rows))
+    tested_images = replace(recording, images=tuple(recording.images[row] for row in rows))
     said_in = "--board" if options.board else "the description of the board"
     tick = paced(progress, "board in image")
-    found = detect_all(some, lambda done, total, name: tick(done, total), said_in=said_in)
-    numbers = {image["image"]: row for row, image in zip(rows, some.images)}
+    found = detect_all(tested_images, lambda done, total, name: tick(done, total), said_in=said_in)
+    numbers = {image["image"]: row for row, image in zip(rows, tested_images.images)}
     if options.camera is None:
         progress("calibrating a camera to test the poses")
         calibration = calibrate_camera(found.views, found.board, found.size, AUTO, folds=0)
@@ -279,11 +279,11 @@ def _pose_readings(readings, views: BoardViews, kind: str) -> PoseReadings:
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
 
     def best(places: np.ndarray) -> tuple[int, np.ndarray] | None:
-        some = replace(views, seen=views.seen[:, places], rows=views.rows[places])
-        fits = compare_readings(readings, some, kind)
+        selected = replace(views, seen=views.seen[:, places], rows=views.rows[places])
+        fits = compare_readings(readings, selected, kind)
         if not (fits and fits[0][1].is_good):
             return None
-        poses = readings[fits[0][0]][2][some.rows]
+        poses = readings[fits[0][0]][2][selected.rows]
         return fits[0][0], agreeing_labels(measured[:, places, :3, :3], poses[:, :3, :3])
 
     return PoseReadings(readings, views.rows, measured, best, _solved)

@@ -29,12 +29,12 @@ def pose_warnings(poses: np.ndarray, views, kind: str, rows: RawTable) -> tuple[
     review = _review(poses, views, kind, rows)
     if review is None:
         return ()
-    said = [_in_table(finding.sentence) for finding in review.findings]
+    sentences = [_in_table(finding.sentence) for finding in review.findings]
     outliers = outlier_sentence(review, _row_names(views, rows))
-    said = [sentence for sentence in (*said, outliers) if sentence]
+    sentences = [sentence for sentence in (*sentences, outliers) if sentence]
     tested = len(views.rows)
-    some = "" if tested == rows.n else f" {tested} of {rows.n} images were tested."
-    return tuple(f"{rows.file}: {sentence}.{some}" for sentence in said)
+    tested_sentence = "" if tested == rows.n else f" {tested} of {rows.n} images were tested."
+    return tuple(f"{rows.file}: {sentence}.{tested_sentence}" for sentence in sentences)
 
 
 def likely_mistake(readings: Mapping[int, tuple], views, kind: str, rows: RawTable) -> str | None:
@@ -54,8 +54,8 @@ def likely_mistake(readings: Mapping[int, tuple], views, kind: str, rows: RawTab
     certain = [row for row in found if row[2].certain]
     if not certain:
         return None
-    least = min(finding.corrected_mm for _, _, finding in certain)
-    close = [row for row in certain if row[2].corrected_mm <= _CLOSE * least]
+    min_mm = min(finding.corrected_mm for _, _, finding in certain)
+    close = [row for row in certain if row[2].corrected_mm <= _CLOSE * min_mm]
     _, title, finding = min(close, key=lambda row: row[0])
     return f"{rows.file}: read as {title}, {_in_table(finding.sentence)}."
 
@@ -77,8 +77,8 @@ def _untested(mapping, poses: np.ndarray, views) -> tuple[Reading, ...]:
     names = dict(zip(FLANGE, mapping.flange_point.columns))
 
     def named(text: str) -> str:
-        for ours, theirs in names.items():
-            text = text.replace(ours, f"column {theirs}")
+        for column, user_column in names.items():
+            text = text.replace(column, f"column {user_column}")
         return text
 
     return tuple(

@@ -60,16 +60,16 @@ def file_link(files: Sequence[ImageFile | Path], table: RawTable) -> tuple[tuple
 
 def _name_column(images, table: RawTable):
     """Pairs of image and row, and the column that connects them."""
-    least = max(_FEWEST, table.n // 2)
+    min_pairs = max(_FEWEST, table.n // 2)
     for column, cells in table.columns.items():
         matched = _equal_names(images, cells)
-        if len(matched) >= least:
+        if len(matched) >= min_pairs:
             return matched, (column,)
     kinds = {column: header.kind for column, header in headers_of(table).items()}
     for kind in _KINDS_OF_NAMES:
         for column in (column_name for column_name, found in kinds.items() if found == kind):
             matched = _simplified_names(images, table.columns[column])
-            if len(matched) >= least:
+            if len(matched) >= min_pairs:
                 return matched, (column,)
     return [], ()
 
@@ -149,18 +149,18 @@ def _left_out(images, table: RawTable, pairs) -> tuple[str, ...]:
     matched_rows = {row for _, row in pairs}
     files = [Path(image.name).name for image in images if id(image) not in used]
     rows = [str(line) for row, line in enumerate(table.lines) if row not in matched_rows]
-    said = []
+    sentences = []
     if files:
-        said.append(
+        sentences.append(
             f"Images without a row in {table.file} are left out ({len(files)} of {len(images)}): {_shown(files)}."
         )
     if rows:
-        said.append(
+        sentences.append(
             f"Rows of {table.file} without an image are left out ({len(rows)} of {table.n}): {_shown(rows)}."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def _shown(names: Sequence[str]) -> str:
-    more = "" if len(names) <= _MOST_SHOWN else ", ..."
-    return f"{', '.join(names[:_MOST_SHOWN])}{more}"
+    ellipsis = "" if len(names) <= _MOST_SHOWN else ", ..."
+    return f"{', '.join(names[:_MOST_SHOWN])}{ellipsis}"

@@ -27,7 +27,7 @@ def joined_image_sessions(source: Source) -> tuple[Source, tuple[str, ...]]:
         return source, ()
     _check_units(tables)
     images: list[ImageFile] = []
-    parts, said = [], []
+    session_tables, notes = [], []
     for number, table in enumerate(tables, 1):
         images_of_table = _images_of(table, tables, source.images)
         pairs, left_out = matched_rows(images_of_table, table)
@@ -35,11 +35,11 @@ def joined_image_sessions(source: Source) -> tuple[Source, tuple[str, ...]]:
         images += [replace(image, name=name) for (image, _), name in zip(pairs, names)]
         column = (*file_link(images_of_table, table)[0], _IMAGE)[0]
         joined = table.take(np.array([row for _, row in pairs]))
-        parts.append(_session(joined, number, {column: np.array(names)}))
-        said += [f"{table.file}: {sentence}" for sentence in left_out]
-        said.append(f"{_place(table)} is session {number} with {len(pairs)} images.")
+        session_tables.append(_session(joined, number, {column: np.array(names)}))
+        notes += [f"{table.file}: {sentence}" for sentence in left_out]
+        notes.append(f"{_place(table)} is session {number} with {len(pairs)} images.")
     _check_distinct(images, tables)
-    return replace(source, tables=(appended(parts),), images=tuple(images)), tuple(said)
+    return replace(source, tables=(appended(session_tables),), images=tuple(images)), tuple(notes)
 
 
 def _place(table: RawTable) -> str:
@@ -63,12 +63,15 @@ def _images_of(table: RawTable, tables: Sequence[RawTable], images) -> list[Imag
 
 def _is_below(path: Path, folder: Path, folders: Sequence[Path | None]) -> bool:
     """Whether a folder is the nearest one of `folders` above a path."""
-    above = [
+    parent_folders = [
         folder_above
         for folder_above in folders
         if folder_above is not None and path.is_relative_to(folder_above)
     ]
-    return bool(above) and max(above, key=lambda folder_above: len(folder_above.parts)) == folder
+    return (
+        bool(parent_folders)
+        and max(parent_folders, key=lambda folder_above: len(folder_above.parts)) == folder
+    )
 
 
 def _check_units(tables: Sequence[RawTable]) -> None:
@@ -86,10 +89,10 @@ def _check_units(tables: Sequence[RawTable]) -> None:
 
 def _check_distinct(images: Sequence[ImageFile], tables: Sequence[RawTable]) -> None:
     paths = [image.path for image in images]
-    twice = next((path for path in paths if paths.count(path) > 1), None)
-    if twice is not None:
+    duplicate = next((path for path in paths if paths.count(path) > 1), None)
+    if duplicate is not None:
         names = " and ".join(_place(table) for table in tables)
         raise InputError(
-            f"{names}: expected each image in one of the tables, found {twice.name} in several; put each table into "
-            "the folder of its images, or name the images of each table in a column."
+            f"{names}: expected each image in one of the tables, found {duplicate.name} in several; put each table "
+            "into the folder of its images, or name the images of each table in a column."
         )

@@ -45,8 +45,8 @@ def compare_readings(readings, views: BoardViews, kind: str) -> list[tuple[int, 
     measured = inverse(views.seen) if kind == "in-hand" else views.seen
     turns = np.array([poses[views.rows][:, :3, :3] for _, _, poses in readings])
     labels = [agreeing_labels(measured[..., :3, :3], turned) for turned in turns]
-    every = np.arange(len(views.rows))
-    chosen = [measured[labelling, every] for labelling in labels]
+    all_rows = np.arange(len(views.rows))
+    chosen = [measured[labelling, all_rows] for labelling in labels]
     misfits = np.array(
         [
             rotation_misfits(motions[:, :3, :3], [turned])[0]
@@ -108,16 +108,16 @@ def _fit(title: str, poses: np.ndarray, measured: np.ndarray) -> CandidateFit:
     """One transform from flange to target, and one from base to camera or board, for all poses (k, 4, 4)."""
     places = measured[:, :3, 3]
     place, turn, lever_mm = _gaps(poses, measured)
-    both = np.hypot(place, turn)
+    total_gap = np.hypot(place, turn)
     # the best of them: a wrong board pose or two must not decide between the readings
-    best = np.argsort(both)[: int(np.ceil(_KEPT * len(both)))]
-    scale = _rms(both[best])
+    best = np.argsort(total_gap)[: int(np.ceil(_KEPT * len(total_gap)))]
+    scale = _rms(total_gap[best])
     rms_mm = _rms(place[best])
     rms_deg = float(np.rad2deg(_rms(turn[best]) / lever_mm))
     spread = float(np.linalg.norm(np.ptp(places, axis=0)))
     good_mm = max(_LEAST_GOOD_MM, _GOOD_SHARE * spread)
     is_good = rms_mm <= good_mm and rms_deg <= _GOOD_DEG
-    degrees = max(6 * len(both) - 12, 6)
+    degrees = max(6 * len(total_gap) - 12, 6)
     improbability = degrees * np.log(max(scale, 1e-3))
     return CandidateFit(title, rms_mm, rms_deg, scale, improbability, is_good)
 

@@ -52,7 +52,7 @@ _NOMINAL_SHARE = 0.02
 _NOMINALLY_BETTER = 5.0
 _SEARCHED_UNITS = 2
 _ABOUT_ONE_TURN = 7.0  # rad
-_DOUBTS = ("stuck-encoder", "copied-column")
+_NOT_CERTAIN = ("stuck-encoder", "copied-column")
 
 REMEDY = (
     "check the robot, the order and the units of the joint columns, the unit of the measured points, and that the rows "
@@ -299,7 +299,7 @@ def _mistakes(case: UnitCase, mappings: Sequence[Mapping]):
         suspicions = check_plausibility(case.robot, case.build(mapping))
         certain = certain_mistakes(suspicions, mapping)
         found += [(s.cause.count(" and "), s, mapping) for s in certain]
-        warnings += [s for s in suspicions if s.cause in _DOUBTS or s.is_explanation]
+        warnings += [s for s in suspicions if s.cause in _NOT_CERTAIN or s.is_explanation]
         if any(count == 0 for count, _, _ in found):
             break
     if not found:
@@ -375,8 +375,8 @@ def unit_lines(mapping: Mapping) -> str:
     if mapping.point is None:
         return joints
     convention = mapping.point.convention
-    more = f' and convention = "{convention}"' if convention else ""
-    return f"{joints} and unit = {unit_toml(mapping.point.unit)}{more} under [point]"
+    convention_words = f' and convention = "{convention}"' if convention else ""
+    return f"{joints} and unit = {unit_toml(mapping.point.unit)}{convention_words} under [point]"
 
 
 def _unit_word(unit: str) -> str:
@@ -453,15 +453,15 @@ def choose_reading(
     # the usual interpretations first: where the data decide nothing, the order of the fits is chance
     close = sorted([fits[0], *alternatives], key=lambda item: item[0])[:_SHOWN]
     words = "; ".join(fit.words for _, fit in close)
-    more = "; ..." if len(alternatives) + 1 > len(close) else ""
+    ellipsis = "; ..." if len(alternatives) + 1 > len(close) else ""
     if not any(fit.is_good for _, fit in fits):
         raise InputError(
-            f"{where}: expected an interpretation that fits, found that no interpretation fits ({words}{more}); "
+            f"{where}: expected an interpretation that fits, found that no interpretation fits ({words}{ellipsis}); "
             f"{remedy}."
         )
     question = Question(
         f"{where}: expected one interpretation that fits clearly best, found {len(alternatives) + 1} that fit about "
-        f"equally well ({words}{more})",
+        f"equally well ({words}{ellipsis})",
         tuple(fit.words for _, fit in close),
         tuple(lines[place] for place, _ in close),
     )

@@ -109,9 +109,9 @@ def compare_readings(
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
     units = np.array([_unit_of_misfit(_scatter(reading)) for _, reading in thinned])
     quick = np.array(nominal_scales([(robot, reading) for _, reading in thinned])) / units
-    beyond = np.array([_is_beyond_reach(robot, reading) for _, reading in thinned], bool)
-    if np.isfinite(quick[~beyond]).any():
-        quick[beyond] = np.inf
+    is_beyond_reach = np.array([_is_beyond_reach(robot, reading) for _, reading in thinned], bool)
+    if np.isfinite(quick[~is_beyond_reach]).any():
+        quick[is_beyond_reach] = np.inf
     order = [k for k in np.argsort(quick, kind="stable") if np.isfinite(quick[k])]
     if not order:
         return []

@@ -58,9 +58,9 @@ def _unit_choices(mapping: Mapping, count: int, stated_only: bool) -> Iterator[t
     fixed = LENGTHS | ANGLES if stated_only else LENGTHS
     free = [k for k, unit in enumerate(stated) if unit not in fixed]
     pairs = _PAIRS if count > 1 else permutations(ANGLE_UNITS, 2)
-    for most, few in pairs:
+    for major_unit, minor_unit in pairs:
         for chosen in combinations(free, count) if count < len(free) else ():
-            units = [few if k in chosen else most for k in range(len(stated))]
+            units = [minor_unit if k in chosen else major_unit for k in range(len(stated))]
             yield tuple(unit if k in free else stated[k] for k, unit in enumerate(units))
 
 

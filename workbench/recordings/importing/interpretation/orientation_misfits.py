@@ -27,21 +27,21 @@ def measured_rotations(recording: Recording) -> np.ndarray:
 
 
 def screened_rotations(
-    flange: np.ndarray, candidates: Sequence[np.ndarray], most: int = _SCREENED
+    flange: np.ndarray, candidates: Sequence[np.ndarray], max_count: int = _SCREENED
 ) -> list[int]:
     """Indices of the candidates whose angles between pairs of rows agree with those of the flange.
 
     flange (n, 3, 3); candidates (n, 3, 3) each. The angle of R_i^T R_j depends neither on the base nor on the tool,
     so that no fit is needed.
     """
-    return least_misfits(rotation_misfits(flange, candidates), most)
+    return least_misfits(rotation_misfits(flange, candidates), max_count)
 
 
-def least_misfits(misfits: np.ndarray, most: int) -> list[int]:
-    """Indices of the at most `most` smallest of the misfits (k,) rad that are not clearly larger than the least."""
+def least_misfits(misfits: np.ndarray, max_count: int) -> list[int]:
+    """Indices of the at most `max_count` smallest of the misfits (k,) rad not clearly larger than the least."""
     limit = _SCREEN_FACTOR * misfits.min() + _SCREEN_RAD
     order = np.argsort(misfits, kind="stable")
-    return [int(k) for k in order[:most] if misfits[k] <= limit]
+    return [int(k) for k in order[:max_count] if misfits[k] <= limit]
 
 
 def rotation_misfits(flange: np.ndarray, candidates: Sequence[np.ndarray]) -> np.ndarray:

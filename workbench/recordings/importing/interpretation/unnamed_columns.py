@@ -211,11 +211,12 @@ def _best_of_each(found: Sequence[_Found]) -> list[_Found]:
     for candidate in ordered:
         columns = (candidate.mapping.joints.columns, candidate.mapping.point.columns)
         best.setdefault(columns, candidate)
-    every = list(best.values())
+    candidates_of_columns = list(best.values())
     return [
         candidate
-        for candidate in every
-        if candidate is every[0] or not every[0].fit.clearly_beats(candidate.fit)
+        for candidate in candidates_of_columns
+        if candidate is candidates_of_columns[0]
+        or not candidates_of_columns[0].fit.clearly_beats(candidate.fit)
     ]
 
 
@@ -342,8 +343,8 @@ def _neighbours(table: RawTable, mapping: Mapping, units) -> list[tuple[str, ...
         header = headers[name]
         is_number = name in unused and cells.dtype.kind == "f" and np.isfinite(cells).sum() > count
         fits = is_number and (_changes(cells) or count > _MOST_OF_POINT)
-        said = header.is_nominal or header.is_deviation or header.kind == "time"
-        usable.append(name if fits and not said and not _is_row_number(cells, header) else None)
+        is_named = header.is_nominal or header.is_deviation or header.kind == "time"
+        usable.append(name if fits and not is_named and not _is_row_number(cells, header) else None)
     windows = [tuple(usable[k : k + count]) for k in range(len(usable) - count + 1)]
     return [
         names

@@ -21,7 +21,7 @@ from workbench.recordings.importing.segments.row_segments import (
 )
 
 _FEWEST_ROWS = 6
-_PARTS = (1, 2, 3)
+_BLOCK_COUNTS = (1, 2, 3)
 _MOST_COST, _PREFERRED = 9.0, 0.99
 _GOOD_FACTOR = 3.0
 _LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.3)
@@ -63,9 +63,9 @@ def refuse_changed_poses(found: PoseReadings, table) -> None:
 
 def _blocks(count: int) -> Iterator[np.ndarray]:
     """Neighbouring images: all, halves and thirds, as far as they determine the transforms."""
-    for parts in _PARTS:
-        if count // parts >= _FEWEST_ROWS:
-            yield from np.array_split(np.arange(count), parts)
+    for block_count in _BLOCK_COUNTS:
+        if count // block_count >= _FEWEST_ROWS:
+            yield from np.array_split(np.arange(count), block_count)
 
 
 def _costs(found: PoseReadings, block, anchor: int, labels: np.ndarray) -> np.ndarray:
@@ -114,16 +114,18 @@ def _sentence(found: PoseReadings, divided: Sequence[Segment], table) -> str:
     keys = [
         key for key in words[0] if len({words_of_segment[key] for words_of_segment in words}) > 1
     ]
-    parts = []
-    for segment, said in zip(divided, words):
+    sentences = []
+    for segment, description in zip(divided, words):
         first = table.lines[found.rows[segment.first]]
         last = table.lines[found.rows[segment.last]]
-        parts.append(f"{' and '.join(said[key] for key in keys)} in rows {first} to {last}")
+        sentences.append(
+            f"{' and '.join(description[key] for key in keys)} in rows {first} to {last}"
+        )
     names = dict.fromkeys(name for key in keys for name in _columns(mappings[0], key))
     return (
         f"{table.file}, columns {', '.join(names)}: expected one unit and convention in all rows, found "
-        f"{', '.join(parts[:-1])} and {parts[-1]}, with which the poses fit the images; convert one of the parts, or "
-        "import each as a table of its own."
+        f"{', '.join(sentences[:-1])} and {sentences[-1]}, with which the poses fit the images; convert one of the "
+        "parts, or import each as a table of its own."
     )
 
 

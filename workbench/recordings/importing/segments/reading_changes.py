@@ -26,7 +26,7 @@ from workbench.recordings.importing.interpretation.orientation_misfits import (
 from workbench.recordings.importing.segments.row_segments import Segment, find_segments
 
 _FIT_ROWS = 100
-_OFF = 3.0
+_OFF_FACTOR = 3.0
 _UNITS = {**ANGLE_WORDS, **LENGTH_WORDS}
 _SIGNS = ("one sign", "the opposite sign")
 _ORDERS = ("the order of the headers", "exchanged columns")
@@ -62,10 +62,10 @@ def refuse_changed_units(
     variants = _Variants(mapping, readings)
     named = [(str(k), recording.recording) for k, recording in enumerate(readings)]
     segments, _ = find_segments(builder.robot, named, variants.of)
-    every = [*readings, *variants.made]
+    all_readings = [*readings, *variants.made]
     changed = len({segment.reading for segment in segments}) > 1
     if changed or (segments and decided is None):
-        raise InputError(_sentence(builder, segments, every))
+        raise InputError(_sentence(builder, segments, all_readings))
 
 
 def refuse_changed_rotation(
@@ -100,9 +100,9 @@ def refuse_changed_rotation(
 
 def reading_words(mapping: Mapping) -> str:
     """Units and rotation convention of a complete mapping in words."""
-    words = [f"{_short(names)} in {said}" for names, said in _unit_words(mapping).items()]
+    words = [f"{_short(names)} in {text}" for names, text in _unit_words(mapping).items()]
     if mapping.rotation is not None and mapping.rotation.convention:
-        words += [f"rotation {said}" for said in _rotation_words(mapping).values()]
+        words += [f"rotation {text}" for text in _rotation_words(mapping).values()]
     return ", ".join(words)
 
 
@@ -111,10 +111,10 @@ def _has_rows_off(builder: Builder, recording: Recording) -> bool:
     robot = builder.robot
     try:
         fit = fit_recording(robot, recording.select(even_rows(recording, _FIT_ROWS)))
-        off = row_mismatch(robot, recording, fit) > _OFF * good_scale(robot, recording)
+        is_off = row_mismatch(robot, recording, fit) > _OFF_FACTOR * good_scale(robot, recording)
     except (np.linalg.LinAlgError, InputError, ValueError):
         return False
-    return bool((off[1:] & off[:-1]).any())
+    return bool((is_off[1:] & is_off[:-1]).any())
 
 
 def _built(choices, build: Callable, words: Callable) -> Iterator[_Reading]:
@@ -189,8 +189,8 @@ def _part_turns(builder: Builder, mapping: Mapping, known) -> list:
     found = []
     rows = np.arange(builder.table.n)
     for half in np.array_split(rows, 2):
-        some = builder.table.take(half)
-        for turn in rotation_candidates(mapping.rotation, some, stated_only=False):
+        half_table = builder.table.take(half)
+        for turn in rotation_candidates(mapping.rotation, half_table, stated_only=False):
             if turn.group not in seen:
                 seen.add(turn.group)
                 found.append(turn)
@@ -202,7 +202,7 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
     table = builder.table
     chosen = [readings[segment.reading] for segment in segments]
     usual = {
-        key: said for reading_of_segment in chosen for key, said in reading_of_segment.usual.items()
+        key: text for reading_of_segment in chosen for key, text in reading_of_segment.usual.items()
     }
     used = [{**usual, **reading_of_segment.words} for reading_of_segment in chosen]
     keys = list(dict.fromkeys(key for words in used for key in words))
@@ -214,10 +214,10 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
         found.append(f"{_described(words, differing)} in {rows}")
     names = ", ".join(dict.fromkeys(name for key in differing for name in key))
     moved = len({segment.anchor for segment in segments}) > 1
-    also = " (after the instrument, the base or the target was set up again)" if moved else ""
+    setup_note = " (after the instrument, the base or the target was set up again)" if moved else ""
     return (
         f"{table.file}, columns {names}: expected one unit and convention in all rows, found "
-        f"{_listed(found)}, with which the robot fits{also}; convert one of the parts, or import each as a "
+        f"{_listed(found)}, with which the robot fits{setup_note}; convert one of the parts, or import each as a "
         "table of its own, which tests the units of each table."
     )
 
@@ -254,5 +254,5 @@ def _short(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 3 else f"{names[0]} ... {names[-1]}"
 
 
-def _listed(parts: Sequence[str]) -> str:
-    return f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else parts[0]
+def _listed(words: Sequence[str]) -> str:
+    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]

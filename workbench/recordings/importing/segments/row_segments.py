@@ -20,7 +20,7 @@ from workbench.fitting.plausibility.sampling import even_rows
 from workbench.recordings.importing.interpretation.fits import compare_readings
 
 _FEWEST_ROWS = 10
-_PARTS = (1, 2, 3, 4, 6)
+_BLOCK_COUNTS = (1, 2, 3, 4, 6)
 _MOST_ANCHORS = 3
 _REFINED = 2
 _FIT_ROWS = 100
@@ -109,24 +109,26 @@ def _find_anchor(robot: Robot, readings, rows: np.ndarray, screen) -> _Anchor | 
     """The reading that fits some block of rows, the largest block first; None where none fits."""
     for block in _blocks(rows):
         candidates = range(len(readings)) if screen is None else screen(block)
-        some = [(readings[k][0], readings[k][1].select(block)) for k in candidates]
-        for place, found in compare_readings(robot, some, _REFINED, is_good_only=True)[:1]:
+        block_readings = [(readings[k][0], readings[k][1].select(block)) for k in candidates]
+        for place, found in compare_readings(robot, block_readings, _REFINED, is_good_only=True)[
+            :1
+        ]:
             if not found.is_good:
                 continue
-            chosen = some[place][1]
+            chosen = block_readings[place][1]
             fit = fit_recording(robot, chosen.select(even_rows(chosen, _FIT_ROWS)))
             # the robust fit of a block may be good although half of the rows are wrong
-            off = row_mismatch(robot, chosen, fit) > _FITTING * good_scale(robot, chosen)
-            if off.mean() <= _MOST_OFF_SHARE:
+            is_off = row_mismatch(robot, chosen, fit) > _FITTING * good_scale(robot, chosen)
+            if is_off.mean() <= _MOST_OFF_SHARE:
                 return _Anchor(int(candidates[place]), fit)
     return None
 
 
 def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:
     """Neighbouring rows: all, halves, thirds and smaller parts, as far as they can be fitted."""
-    for parts in _PARTS:
-        if len(rows) // parts >= _FEWEST_ROWS:
-            yield from np.array_split(rows, parts)
+    for block_count in _BLOCK_COUNTS:
+        if len(rows) // block_count >= _FEWEST_ROWS:
+            yield from np.array_split(rows, block_count)
 
 
 def _row_costs(robot: Robot, recordings: Sequence[Recording], anchor: _Anchor) -> np.ndarray:
@@ -181,10 +183,16 @@ def _is_explained(robot: Robot, recordings, segments: Sequence[Segment]) -> bool
 
 def joined_segments(recordings: Sequence[Recording], segments: Sequence[Segment]) -> Recording:
     """The rows of segments, each under its reading."""
-    parts = [
+    segments_of_rows = [
         recordings[segment.reading].select(np.arange(segment.first, segment.last + 1))
         for segment in segments
     ]
-    names = [name for name in parts[0].columns if all(name in part.columns for part in parts)]
-    columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in names}
-    return replace(parts[0], columns=columns)
+    names = [
+        name
+        for name in segments_of_rows[0].columns
+        if all(name in part.columns for part in segments_of_rows)
+    ]
+    columns = {
+        name: np.concatenate([part.columns[name] for part in segments_of_rows]) for name in names
+    }
+    return replace(segments_of_rows[0], columns=columns)

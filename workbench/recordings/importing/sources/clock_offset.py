@@ -193,9 +193,9 @@ class _Estimator:
 
     def regress(self, state: _State) -> tuple[float, float, float]:
         """Change of the offset (s), its standard deviation (s), and RMS speed that no parameter explains (mm/s)."""
-        near = [self.rows_at(state.seconds + side * self.step_s) for side in (-1, 1)]
-        lines = reduce(np.intersect1d, [state.rows.lines, *(rows.lines for rows in near)])
-        first, last = (rows.take(lines) for rows in near)
+        shifted_rows = [self.rows_at(state.seconds + side * self.step_s) for side in (-1, 1)]
+        lines = reduce(np.intersect1d, [state.rows.lines, *(rows.lines for rows in shifted_rows)])
+        first, last = (rows.take(lines) for rows in shifted_rows)
         before, after = (
             row_residual(self.robot, recording, state.fit) for recording in (first, last)
         )
@@ -227,8 +227,8 @@ def _direction_columns(robot, recording, fit: Fit, moves: np.ndarray) -> np.ndar
     Such an error, as of backlash, is nearly proportional to the speed where speeds are alike. Without these columns it
     would pass for an offset of the clocks.
     """
-    least = _MOVING * np.maximum(np.ptp(recording.joints, axis=0), 1e-12)
-    directions = np.where(np.abs(moves) > least, np.sign(moves), 0.0)
+    min_move = _MOVING * np.maximum(np.ptp(recording.joints, axis=0), 1e-12)
+    directions = np.where(np.abs(moves) > min_move, np.sign(moves), 0.0)
     names = joint_columns(recording.columns)
     residual = row_residual(robot, recording, fit)
     columns = []

@@ -85,8 +85,8 @@ def find_mapping(
         if pair is not None:
             return Found(source, *pair, (), (*warnings, *pair[0].warnings))
     if source.images:
-        source, said = joined_image_sessions(source)
-        warnings = (*warnings, *said)
+        source, notes = joined_image_sessions(source)
+        warnings = (*warnings, *notes)
     if is_plain and mapping.join.by in (None, APPEND):
         useful, ignored = _useful(source, options)
         groups = session_groups(useful, mapping)
@@ -153,10 +153,10 @@ def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
     if options.time_offset is not None:
         seconds = options.time_offset if isinstance(options.time_offset, float) else None
         wanted = replace(wanted, time_offset_s=seconds)
-    table, join, said = join_tables(tables, wanted)
+    table, join, notes = join_tables(tables, wanted)
     if join.by == "time":  # joined again at other offsets: each table gets its rows first
         tables = [stacked(table, options.mapping) for table in tables]
-        table, join, said = join_tables(tables, wanted)
+        table, join, notes = join_tables(tables, wanted)
     else:
         table = stacked(table, options.mapping)
     warnings = list(table.warnings)
@@ -171,7 +171,7 @@ def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
         warnings += [zone_sentence(timed.short, timed.log, zone)] if zone else []
         mapping = replace(mapping, columns=_without_time_of(timed.log, mapping))
         return Found(source, table, mapping, unused, tuple(warnings), timed)
-    return Found(source, table, mapping, unused, (*warnings, *said))
+    return Found(source, table, mapping, unused, (*warnings, *notes))
 
 
 def _without_time_of(log: RawTable, mapping: Mapping) -> dict[str, str]:
@@ -189,13 +189,13 @@ def _found_sessions(source: Source, groups, options, warnings: Sequence[str]) ->
 
     groups: the tables of each session, which are joined first where they are several.
     """
-    parts = tuple(_joined(source, group, options) for group in groups)
-    table = appended([part.table for part in parts])
+    sessions = tuple(_joined(source, group, options) for group in groups)
+    table = appended([part.table for part in sessions])
     mapping, unused = _proposed(table, source, options)
     refuse_counts(table, mapping)
     mapping = replace(mapping, join=Join(APPEND))
-    said = (*warnings, *table.warnings)
-    return Found(source, table, mapping, unused, said, sessions=parts)
+    notes = (*warnings, *table.warnings)
+    return Found(source, table, mapping, unused, notes, sessions=sessions)
 
 
 def _proposed(table: RawTable, source: Source, options):

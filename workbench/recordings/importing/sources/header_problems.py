@@ -47,9 +47,9 @@ def table_example(table: RawTable, mapping: Mapping, named: str | None) -> str:
 
 
 def _error(sentences, example: str) -> InputError:
-    first, *more = sentences
-    said = " ".join([first, *(f"Also: {sentence}" for sentence in more)])
-    return InputError(said, f"{_HEAD}\n\n{example}")
+    first, *further = sentences
+    text = " ".join([first, *(f"Also: {sentence}" for sentence in further)])
+    return InputError(text, f"{_HEAD}\n\n{example}")
 
 
 def _robot(table: RawTable, named: str | None) -> tuple[str | None, int | None, str]:
@@ -85,9 +85,9 @@ def text_in_numbers(table: RawTable) -> list[str]:
         shown = ", ".join(
             f"row {table.lines[row]}: {str(cells[row])!r}" for row in wrong[:_MOST_CELLS]
         )
-        more = f" and {len(wrong) - _MOST_CELLS} more" if len(wrong) > _MOST_CELLS else ""
+        unlisted = f" and {len(wrong) - _MOST_CELLS} more" if len(wrong) > _MOST_CELLS else ""
         found.append(
-            f"{table.file}, column {name}: expected numbers in all rows, found text ({shown}{more}); correct or remove "
-            "these rows."
+            f"{table.file}, column {name}: expected numbers in all rows, found text ({shown}{unlisted}); correct or "
+            "remove these rows."
         )
     return found

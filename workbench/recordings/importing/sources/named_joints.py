@@ -53,13 +53,15 @@ def columns_of_joints(columns: Iterable[str], joints: Sequence[str]) -> tuple[st
 
     The plain names come first, and of several sets the only one that is neither a command nor a speed or a load.
     """
-    sets: dict[tuple[str, str], dict[str, str]] = {}
+    columns_by_pattern: dict[tuple[str, str], dict[str, str]] = {}
     for column in columns:
         for joint in joints:
-            parts = _parts_around(column, joint)
-            if parts is not None:
-                sets.setdefault(parts, {}).setdefault(joint, column)
-    complete = {parts: found for parts, found in sets.items() if len(found) == len(joints)}
+            pattern = _parts_around(column, joint)
+            if pattern is not None:
+                columns_by_pattern.setdefault(pattern, {}).setdefault(joint, column)
+    complete = {
+        pattern: found for pattern, found in columns_by_pattern.items() if len(found) == len(joints)
+    }
     if ("", "") in complete:
         complete = {("", ""): complete["", ""]}
     measured = [found for found in complete.values() if _is_reading(found[joints[0]])]

@@ -34,19 +34,19 @@ _MOVING = 1e-3
 class TimedJoin:
     """Two tables that are joined by time, and the join in use, its offset included."""
 
-    parts: tuple[RawTable, RawTable]
+    tables: tuple[RawTable, RawTable]
     join: Join
 
     @property
     def short(self) -> RawTable:
         """The table whose rows are kept, and to whose times the offset is added."""
-        first, second = self.parts
+        first, second = self.tables
         return first if first.n <= second.n else second
 
     @property
     def log(self) -> RawTable:
         """The table that is interpolated."""
-        first, second = self.parts
+        first, second = self.tables
         return second if first.n <= second.n else first
 
     @cached_property
@@ -57,12 +57,12 @@ class TimedJoin:
 
     def table_at(self, seconds: float) -> RawTable:
         """The joined table with another offset. Raises InputError where the clocks do not overlap."""
-        return join_tables(self.parts, replace(self.join, time_offset_s=seconds))[0]
+        return join_tables(self.tables, replace(self.join, time_offset_s=seconds))[0]
 
     def joined_at(self, seconds: float) -> tuple[RawTable, tuple[str, ...]]:
         """`table_at` with the sentences on rows that were left out or measured in motion."""
-        table, _, said = join_tables(self.parts, replace(self.join, time_offset_s=seconds))
-        return table, said
+        table, _, notes = join_tables(self.tables, replace(self.join, time_offset_s=seconds))
+        return table, notes
 
     def thinned(self) -> "TimedJoin":
         """The join with at most some hundred rows of the shorter table."""
@@ -70,9 +70,9 @@ class TimedJoin:
         if short.n <= _ROWS:
             return self
         rows = np.linspace(0, short.n - 1, _ROWS).astype(int)
-        few = short.take(rows)
-        parts = [few if part is short else part for part in self.parts]
-        return replace(self, parts=tuple(parts))
+        thinned_table = short.take(rows)
+        tables = [thinned_table if part is short else part for part in self.tables]
+        return replace(self, tables=tuple(tables))
 
     def rows_at(self, robot: Robot, keys: Keys, mapping: Mapping, options) -> RowsAt:
         """The rows of a mapping with complete units, as a function of the offset."""

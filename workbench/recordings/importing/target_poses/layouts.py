@@ -71,21 +71,27 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
     if any(has_joints(table) for table in tables):
         return None
     tables = [_with_whole_matrices(part) for table in _parts(tables) for part in table]
-    sets = [one for table in tables for one in _sets_of(table, len(tables))]
-    if len(sets) != 2 or sets[0].table.n != sets[1].table.n or sets[0].table.n < 2:
+    pose_sets = [pose_set for table in tables for pose_set in _sets_of(table, len(tables))]
+    if (
+        len(pose_sets) != 2
+        or pose_sets[0].table.n != pose_sets[1].table.n
+        or pose_sets[0].table.n < 2
+    ):
         return None
-    if sets[0].table.n < _FEWEST and _is_target(sets[0]) == _is_target(sets[1]):
+    if pose_sets[0].table.n < _FEWEST and _is_target(pose_sets[0]) == _is_target(pose_sets[1]):
         return None  # with names, the error says that the poses are too few
-    if _is_target(sets[0]) > _is_target(sets[1]):
-        sets = sets[::-1]
-    joined, sets = join_sets(sets)
+    if _is_target(pose_sets[0]) > _is_target(pose_sets[1]):
+        pose_sets = pose_sets[::-1]
+    joined, pose_sets = join_sets(pose_sets)
     if mapping.flange_point is not None:
         return (joined, mapping) if _names(mapping) <= set(joined.columns) else None
-    chosen = _best_layouts(joined, sets)
+    chosen = _best_layouts(joined, pose_sets)
     if chosen is None:
         return None
     flange, target = chosen
-    is_named = mapping.measures == "target-pose" or _is_target(sets[0]) != _is_target(sets[1])
+    is_named = mapping.measures == "target-pose" or _is_target(pose_sets[0]) != _is_target(
+        pose_sets[1]
+    )
     if not is_named and angle_misfit(joined, flange[1], target[1]) > _MOST_MISFIT:
         return None
     proposed = Mapping(
@@ -131,9 +137,9 @@ def _names(mapping: Mapping) -> set[str]:
     return {name for group in groups if group is not None for name in group.columns}
 
 
-def _is_target(one: PoseSet) -> int:
+def _is_target(pose_set: PoseSet) -> int:
     """Positive for words of a target or camera, negative for those of a robot."""
-    return len(_TARGET_WORDS.findall(one.words)) - len(_FLANGE_WORDS.findall(one.words))
+    return len(_TARGET_WORDS.findall(pose_set.words)) - len(_FLANGE_WORDS.findall(pose_set.words))
 
 
 def _sets_of(table: RawTable, tables: int) -> list[PoseSet]:
@@ -175,14 +181,16 @@ def _by_order(table: RawTable, numeric: Sequence[str], wanted: int) -> list[Pose
     if wanted > 1 and len(numeric) == _WIDTHS[-2] and any(pose_layouts(table, numeric)):
         return []
     for start in (0, 1):
-        width, rest = divmod(len(numeric) - start, wanted)
+        width, remainder = divmod(len(numeric) - start, wanted)
         is_counted = not start or counts_rows(table.columns[numeric[0]])
-        if rest or width not in _WIDTHS or not is_counted:
+        if remainder or width not in _WIDTHS or not is_counted:
             continue
-        parts = [tuple(numeric[start + k * width : start + (k + 1) * width]) for k in range(wanted)]
-        sets = [PoseSet(table, part, f"{part[0]} {table.stem}") for part in parts]
-        if all(any(pose_layouts(one.table, one.columns)) for one in sets):
-            return sets
+        column_groups = [
+            tuple(numeric[start + k * width : start + (k + 1) * width]) for k in range(wanted)
+        ]
+        pose_sets = [PoseSet(table, part, f"{part[0]} {table.stem}") for part in column_groups]
+        if all(any(pose_layouts(pose_set.table, pose_set.columns)) for pose_set in pose_sets):
+            return pose_sets
     return []
 
 
@@ -247,11 +255,13 @@ def join_sets(sets: Sequence[PoseSet]) -> tuple[RawTable, list[PoseSet]]:
     return table, [replace(one, table=table) for one in renamed]
 
 
-def _best_layouts(table: RawTable, sets: Sequence[PoseSet]):
+def _best_layouts(table: RawTable, pose_sets: Sequence[PoseSet]):
     """Position and rotation of both sets under which flange and target rotate by the same angles."""
     options = [
-        [one.stated] if one.stated is not None else list(pose_layouts(table, one.columns))
-        for one in sets
+        [pose_set.stated]
+        if pose_set.stated is not None
+        else list(pose_layouts(table, pose_set.columns))
+        for pose_set in pose_sets
     ]
     pairs = [(flange, target) for flange in options[0] for target in options[1]]
     if len(pairs) < 2:

@@ -54,11 +54,11 @@ class TargetReading:
     def line(self) -> str:
         """What a mapping file says to state this reading."""
         groups = self.mapping.flange_rotation, self.mapping.rotation
-        said = [
+        lines = [
             f'[{name}] convention = "{group.convention}"'
             for name, group in zip(("flange_rotation", "rotation"), groups)
         ]
-        return f'{", ".join(said)} and [board] fixed_to = "{FIXED_TO[self.poses.kind]}"'
+        return f'{", ".join(lines)} and [board] fixed_to = "{FIXED_TO[self.poses.kind]}"'
 
 
 def compared_readings(
@@ -69,10 +69,10 @@ def compared_readings(
     Raises InputError where the rotation columns hold no rotations.
     """
     readings = _readings(rows, mapping)
-    some = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
-    quick = np.array([_rough(reading.poses, some) for reading in readings])
+    tested_rows = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
+    quick = np.array([_rough(reading.poses, tested_rows) for reading in readings])
     order = np.argsort(quick, kind="stable")[:_FITTED]
-    fits = [(int(k), _fit(readings[k], some)) for k in order]
+    fits = [(int(k), _fit(readings[k], tested_rows)) for k in order]
     return readings, sorted(fits, key=lambda item: item[1].improbability)
 
 
@@ -85,15 +85,16 @@ def usual_readings(rows: RawTable, mapping: Mapping) -> list[TargetReading]:
     misfit = _misfits(rows, of_flange, of_target)
     pairs = [
         (misfit[i, j], i, j)
-        for i, one in enumerate(of_flange)
-        for j, other in enumerate(of_target)
-        if (one.group.convention, one.group.unit) == (other.group.convention, other.group.unit)
+        for i, flange_reading in enumerate(of_flange)
+        for j, target_reading in enumerate(of_target)
+        if (flange_reading.group.convention, flange_reading.group.unit)
+        == (target_reading.group.convention, target_reading.group.unit)
     ]
     chosen = []
     for _, i, j in sorted(pairs)[:_USUAL]:
         readings = _readings_of(rows, mapping, [(of_flange[i], of_target[j])])
-        every = np.arange(rows.n)
-        chosen.append(min(readings, key=lambda reading: _rough(reading.poses, every)))
+        all_rows = np.arange(rows.n)
+        chosen.append(min(readings, key=lambda reading: _rough(reading.poses, all_rows)))
     return chosen
 
 
@@ -116,10 +117,10 @@ def _readings_of(rows: RawTable, mapping: Mapping, turns) -> list[TargetReading]
                 unit_words(unit, chosen.point.columns, str),
             )
             title = f"flange {of_flange.title}, {units[0]}; target {of_target.title}, {units[1]}"
-            also = ", its poses inverted" if inverted else ""
+            inversion = ", its poses inverted" if inverted else ""
             poses = TargetPoses(flange, inverse(seen) if inverted else seen, kind, names)
             readings.append(
-                TargetReading(f"{title}{also}; {_WORDS[kind]}", chosen, poses, inverted)
+                TargetReading(f"{title}{inversion}; {_WORDS[kind]}", chosen, poses, inverted)
             )
     return readings
 
@@ -128,8 +129,8 @@ def _turned(
     rows: RawTable, mapping: Mapping, turns
 ) -> list[tuple[RotationConvention, RotationConvention, str, bool]]:
     """Conventions, place of the camera and direction of the target's poses that one transform connects best."""
-    some = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
-    part = rows.take(some)
+    tested_rows = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
+    part = rows.take(tested_rows)
     flange_unit, unit = _unit_pairs(rows, mapping)[0]
     stated = mapping.updated("flange_point", unit=flange_unit).updated("point", unit=unit)
     found = []
@@ -162,10 +163,13 @@ def _linear_misfit(moved: np.ndarray, seen: np.ndarray) -> float:
     if solution[3] <= 0:
         return np.inf
     gaps = (alpha - beta @ rotation.T, design @ solution + shift)
-    return sum(_most(gap) / max(_most(size), 1e-9) for gap, size in zip(gaps, (alpha, shift)))
+    return sum(
+        _trimmed_length(gap) / max(_trimmed_length(size), 1e-9)
+        for gap, size in zip(gaps, (alpha, shift))
+    )
 
 
-def _most(vectors: np.ndarray) -> float:
+def _trimmed_length(vectors: np.ndarray) -> float:
     """Mean length of the shortest of vectors (n, 3): a few wrong rows must not decide."""
     lengths = np.sort(np.linalg.norm(vectors, axis=1))
     return float(lengths[: int(np.ceil(_KEPT * len(lengths)))].mean())
@@ -190,7 +194,7 @@ def _unit_pairs(rows: RawTable, mapping: Mapping) -> list[tuple]:
     if len(flange) > 1 and len(target) > 1:
         largest = max(np.abs(rows.columns[name]).max() for name in mapping.flange_point.columns)
         flange = ("mm",) if largest > _WIDEST_M else ("m",)
-    return [(one, other) for one in flange for other in target]
+    return [(flange_unit, target_unit) for flange_unit in flange for target_unit in target]
 
 
 def angle_misfit(rows: RawTable, flange: Group, target: Group) -> float:
@@ -223,9 +227,9 @@ def _misfits(
     """(F, T) mean difference of the angles between two poses under each pair of conventions, as a share of them.
 
     Of numbers in radians that are read as degrees, all angles and differences are small."""
-    some = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
+    tested_rows = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
     angles = [
-        np.array([_angles(turn.matrices(rows)[some]) for turn in turns])
+        np.array([_angles(turn.matrices(rows)[tested_rows]) for turn in turns])
         for turns in (of_flange, of_target)
     ]
     gaps = np.abs(angles[0][:, None] - angles[1][None])

@@ -47,7 +47,7 @@ def import_target_poses(found, options, progress) -> Made | None:
     if found.timed is not None or found.table is None or found.sessions:
         return None
     mapping = replace(mapping, measures="target-pose", axis=None)
-    rows, said = complete_rows(found.table, mapping)
+    rows, notes = complete_rows(found.table, mapping)
     if rows.n < _FEWEST:
         raise InputError(
             f"{rows.file}: expected flange poses and poses of the target in {_FEWEST} rows or more to test units and "
@@ -60,12 +60,12 @@ def import_target_poses(found, options, progress) -> Made | None:
     lines = [reading.line for reading in readings]
     chosen = choose_reading(lines, fits, f"{rows.file}, poses", options.ask, _REMEDY)
     reading = readings[chosen]
-    doubts = tuple(_doubts(rows, reading))
+    suspicions = tuple(_suspicions(rows, reading))
     recording = _recording(rows, reading, other_columns(rows, mapping), options)
     board = {**(mapping.board or {}), "fixed_to": FIXED_TO[reading.poses.kind]}
     mapping = replace(reading.mapping, board=board)
-    said = (*said, *_assumptions(rows, reading), *doubts)
-    return Made(recording, mapping, tuple(fit for _, fit in fits), said, doubts=doubts)
+    notes = (*notes, *_assumptions(rows, reading), *suspicions)
+    return Made(recording, mapping, tuple(fit for _, fit in fits), notes, suspicions=suspicions)
 
 
 def _check_usual(rows: RawTable, mapping) -> None:
@@ -105,7 +105,7 @@ def _review(reading: TargetReading):
     return review_target_poses(poses.flange, poses.data, poses.kind, list(poses.names))
 
 
-def _doubts(rows: RawTable, reading: TargetReading):
+def _suspicions(rows: RawTable, reading: TargetReading):
     """Sentences on mistakes in single rows, and on what the poses do not determine."""
     poses = reading.poses
     gaps = motion(poses.flange, poses.kind).sentences
