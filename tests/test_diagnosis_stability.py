@@ -59,3 +59,37 @@ def test_samples_between_the_others_around_an_instant_do_not_refuse_a_step():
     nested = [Nested(scheme, plain, predicted, found, 30.0)]
     kept, lost = stable_terms(bench, [Term(bare(step))], nested, np.ones(80, bool))
     assert not lost and kept[0].t_nested > 10
+
+
+def nested_searches(bench, finding, found_in: int) -> list[Nested]:
+    """Searches of all folds, of which the first `found_in` find the harmonic and the others find nothing."""
+    plain, nested, left = bench.problem((), hypotheses=False), [], found_in
+    errors = Errors(bench)
+    for scheme in schemes(bench.pose, plain):
+        found = {}
+        for k in scheme.folds:
+            found[k] = [finding] if left > 0 else []
+            left -= 1
+        laws = {k: effects_of(findings) for k, findings in found.items()}
+        predicted = errors.predicted(scheme.fold, laws)
+        nested.append(Nested(scheme, errors((), scheme.fold), predicted, found, 30.0))
+    return nested
+
+
+@pytest.mark.parametrize(("found_in", "is_stable"), [(100, True), (3, False)])
+def test_a_term_of_a_minority_of_the_folds_has_no_certain_name(bench, found_in, is_stable):
+    """The probability of its name is at most that of being found in one more fold, with `unknown` as alternative."""
+    finding = wave(5)
+    nested = nested_searches(bench, finding, found_in)
+    kept, lost = stable_terms(bench, [Term(finding)], nested, np.ones(80, bool))
+    assert not lost
+    term = kept[0]
+    if is_stable:
+        assert term.finding.probability == 1.0 and not term.finding.alternatives
+        return
+    assert term.reselected_folds == 3
+    limit = 4 / (term.searched_folds + 2)
+    assert term.finding.probability == pytest.approx(limit)
+    other = term.finding.alternatives[0]
+    assert other.effect == "unknown" and other.probability == pytest.approx(1 - limit)
+    assert not term.is_certain

@@ -12,7 +12,7 @@ import numpy as np
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import CONFOUNDED_SHARE, MAJORITY
-from workbench.diagnosis.linear.problem import Finding, Problem
+from workbench.diagnosis.linear.problem import Alternative, Finding, Problem
 from workbench.diagnosis.validation.folds import Scheme, tested_samples
 from workbench.diagnosis.validation.held_out import (
     critical_t,
@@ -131,6 +131,7 @@ class _Folds:
         replaced = [_is_reselected(moved, fold.displacements) for fold in folds]
         judged = replace(
             term,
+            finding=_limited_by_reselection(term.finding, sum(replaced), len(folds)),
             reselected_folds=sum(replaced),
             searched_folds=len(folds),
             t_nested=nested,
@@ -239,6 +240,27 @@ def _displacements(problem: Problem, findings: Sequence[Finding]) -> list[np.nda
         * bare.orthogonalise(sum(problem.added[i] @ problem.values[i] for i in indices))
         for indices in effect_indices(findings)
     ]
+
+
+def _limited_by_reselection(finding: Finding, reselected: int, searched: int) -> Finding:
+    """The finding, of fewer than half of the folds with at most the probability that one more fold reselects it.
+
+    A term that only a minority of the folds selects has no bound on the number of false selections: Meinshausen and
+    Buehlmann, J. R. Stat. Soc. B 72 (2010), theorem 1. The probability is that of Laplace's rule of succession.
+    """
+    limit = (reselected + 1) / (searched + 2)
+    if reselected >= MAJORITY * searched or finding.probability <= limit:
+        return finding
+    other = Alternative(
+        "unknown",
+        finding.where,
+        "several other effects together",
+        finding.probability - limit,
+        1.0,
+        f"only {reselected} of {searched} folds find it",
+    )
+    alternatives = (other, *finding.alternatives)
+    return replace(finding, probability=limit, alternatives=alternatives)
 
 
 def _is_reselected(moved: np.ndarray, others: list[np.ndarray]) -> bool:
