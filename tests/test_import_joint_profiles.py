@@ -122,3 +122,47 @@ def test_a_row_with_the_joint_readings_of_another_is_no_internal_error(measured,
         assert "joints.csv" in str(problem)
     else:
         assert made.suspicions
+
+
+def artefact_table(path, centres):
+    rows = [f"{k},{x:.4f},{y:.4f},{z:.4f},{RADIUS}" for k, (x, y, z) in enumerate(centres, start=1)]
+    path.write_text("\n".join(["ball,x_mm,y_mm,z_mm,radius_mm", *rows]) + "\n")
+    return path
+
+
+def with_ball_column(folder, numbers):
+    """The table of joint readings with the number of the ball of each profile."""
+    path = folder / "joints.csv"
+    head, *rows = path.read_text().splitlines()
+    rows = [f"{row},{number}" for row, number in zip(rows, numbers)]
+    path.write_text("\n".join([f"{head},ball", *rows]) + "\n")
+
+
+def test_profiles_of_several_balls_have_the_places_of_an_artefact(measured, tmp_path):
+    """The scanner sees the second ball where another pose of the base would have the first: a rotation about its axis."""
+    joints, profiles = measured
+    numbers = np.arange(len(joints)) % 2 + 1
+    rotated = joints.copy()
+    rotated[:, 0] += np.where(numbers == 2, 25.0, 0.0)
+    centre = Rotation.from_euler("z", 25.0, degrees=True).apply(BALL)
+    sources = written(tmp_path, rotated, profiles)
+    with_ball_column(tmp_path, numbers)
+    artefact = artefact_table(tmp_path / "artefact.csv", [np.zeros(3), centre - BALL])
+    options = ImportOptions(robot="ur5", ball_radius_mm=RADIUS, artefact=artefact)
+    made = import_recording(sources, tmp_path / "out", options)
+    assert not made.suspicions and set(made.recording.balls) == {1, 2}
+    first = np.unique(made.recording.poses, return_index=True)[1]
+    assert np.array_equal(made.recording.ball[first], numbers)
+    assert made.recording.balls[2][:3] == pytest.approx(centre - BALL, abs=1e-3)
+
+
+@pytest.mark.parametrize("has_file", [True, False])
+def test_a_ball_without_a_place_is_named(measured, tmp_path, has_file):
+    joints, profiles = measured
+    sources = written(tmp_path, joints, profiles)
+    with_ball_column(tmp_path, np.arange(len(joints)) % 2 + 1)
+    artefact = artefact_table(tmp_path / "artefact.csv", [np.zeros(3)]) if has_file else None
+    options = ImportOptions(robot="ur5", ball_radius_mm=RADIUS, artefact=artefact)
+    expected = "found none for ball 2" if has_file else "found balls 1, 2 and no such file"
+    with pytest.raises(InputError, match=expected):
+        import_recording(sources, tmp_path / "out", options)

@@ -100,7 +100,7 @@ class Builder:
             balls = balls or {int(columns["ball"][0]): (0.0, 0.0, 0.0, 10.0)}
         if mapping.measures == "ball-surface" and self.options.ball_radius_mm is not None:
             columns.setdefault("ball", np.ones(table.n))
-            balls = {int(columns["ball"][0]): (0.0, 0.0, 0.0, self.options.ball_radius_mm)}
+            balls = balls or {int(columns["ball"][0]): (0.0, 0.0, 0.0, self.options.ball_radius_mm)}
         return Recording(
             measures=mapping.measures,
             columns=columns,

@@ -1,6 +1,6 @@
 """The robot and the artefact that an import names: what the recording will say of them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from datasets.errors import complaint
@@ -105,3 +105,28 @@ def read_artefact(path: Path) -> dict[int, tuple[float, float, float, float]]:
             )
     rows = zip(*(table.numbers(name) for name in names))
     return {int(ball): (float(x), float(y), float(z), float(r)) for ball, x, y, z, r in rows}
+
+
+def check_balls(path: Path | None, file: str, numbers: Sequence[int]) -> None:
+    """Raises InputError where a table has several balls without an artefact's file, or one that is not in the file.
+
+    path: of the artefact's file. file: name of the table. numbers: of its balls.
+    """
+    known = read_artefact(path) if path else None
+    if known is None:
+        if len(numbers) > 1:
+            raise complaint(
+                f"{file}, column ball",
+                "one ball, or a file with the nominal centres of all",
+                f"balls {', '.join(map(str, numbers))} and no such file",
+                "state --artefact artefact.csv with columns ball, x_mm, y_mm, z_mm and radius_mm",
+            )
+        return
+    missing = [number for number in numbers if number not in known]
+    if missing:
+        raise complaint(
+            f"{path}",
+            f"a row for each ball of {file}",
+            f"none for ball {missing[0]}",
+            "add its nominal centre and radius, or correct the column ball",
+        )

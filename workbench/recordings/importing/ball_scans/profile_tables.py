@@ -13,6 +13,7 @@ from workbench.recordings.importing.ball_scans.ball_clouds import joint_scans
 from workbench.recordings.importing.ball_scans.scan_review import Scans, profile_radius_suspicion
 from workbench.recordings.importing.ball_scans.surface_scans import profile_circles, read_profiles
 from workbench.recordings.importing.measured_robot import Made, import_table
+from workbench.recordings.importing.robots import check_balls
 
 _POINT = ("profile x", "profile y", "profile z")
 _FILE = "number of the profile"
@@ -38,6 +39,7 @@ def import_profiles(found, options, progress) -> Made:
         point=Group(_POINT, "mm"),
         columns={**found_mapping.columns, _FILE: "pose"},
     )
+    _check_balls(table, mapping, options)
     warnings = (*found.warnings, *notes, *circles.why)
     by_point = replace(found, table=_point_rows(table, points), mapping=mapping, warnings=warnings)
     made = import_table(by_point, options, progress)
@@ -50,6 +52,14 @@ def import_profiles(found, options, progress) -> Made:
         columns=found_mapping.columns,
     )
     return replace(made, recording=recording, mapping=kept).with_suspicions(suspicions)
+
+
+def _check_balls(table: RawTable, mapping, options) -> None:
+    """Raises InputError where the column of balls names one whose place is not known."""
+    column = next((name for name, target in mapping.columns.items() if target == "ball"), None)
+    if column is not None:
+        numbers = np.unique(table.numbers(column)).astype(int).tolist()
+        check_balls(options.artefact, table.file, numbers)
 
 
 def _point_rows(table: RawTable, points) -> RawTable:
@@ -82,9 +92,15 @@ def _with_all_points(tested: Recording, points) -> tuple[Recording, np.ndarray]:
 def _radius_suspicions(
     table: RawTable, circles: Circles, recording, rows, radius
 ) -> tuple[str, ...]:
-    """A sentence where the profiles show a ball of another radius at the poses of the nominal arm."""
+    """A sentence where the profiles show a ball of another radius at the poses of the nominal arm.
+
+    Of several balls the one with most profiles is tested: the test knows one place.
+    """
     # by the number of the profile: two profiles with equal joint readings are one pose, but two circles
     first = np.unique(recording.columns["pose"], return_index=True)[1]
+    balls, number = np.unique(recording.columns["ball"][first], return_inverse=True)
+    of_ball = number == np.bincount(number, minlength=len(balls)).argmax()
+    first, rows = first[of_ball], rows[of_ball]
     seen = np.concatenate([circles.centre, [circles.radius]])[:, rows]
     names = [f"row {line}" for line in table.lines[rows]]
     scans = Scans(seen, flange_poses(recording)[first], names, radius, is_profile=True)
