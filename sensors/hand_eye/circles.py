@@ -16,6 +16,8 @@ from workbench.core.profiler_start import algebraic_circles, solved_by_label
 _TRIPLES = 1500  # at 40 % of points on the ball 6 % of triples are good: some 90 of them
 _STEPS = 30
 _BINS = 24  # of the arc, for the noise along it
+_CELL_RAD = 2 * np.pi / 96  # over which the noise of glancing incidence grows
+_LEAST_POINTS = 4  # of a cell whose noise counts
 _POINTS_OF_CELL = 8  # their RMS is twice the true one by chance in 1 of 10,000 cells
 _SIGMAS = 3.5  # beyond it lies 1 point in 2000 of a normal distribution
 _NOISY = 2.0  # an end that is this much noisier than the middle is glancing incidence or an edge
@@ -188,19 +190,30 @@ def _ragged_ends(flat, label, used, centre, gap, count):
 def _calm_range(angle, gap, used) -> tuple[float, float]:
     """First and last angle (rad) of the part of one arc between cells that are as calm as most.
 
-    A cell has as many points as tell twice the noise from chance, whatever their distance on the arc.
+    Cells are equally wide where most of them have enough points to tell twice the noise from chance; else they have
+    equally many points, whatever their distance on the arc.
     """
     order = np.argsort(angle[used], kind="stable")
     along, square = angle[used][order], gap[used][order] ** 2
-    size = max(_POINTS_OF_CELL, -(-len(along) // _BINS))
-    starts = np.arange(0, max(len(along) - size + 1, 1), size)
+    starts = _starts_of_wide_cells(along)
+    number = np.diff(np.append(starts, len(along)))
+    if len(starts) < 2 or np.median(number) < _POINTS_OF_CELL:
+        size = max(_POINTS_OF_CELL, -(-len(along) // _BINS))
+        starts = np.arange(0, max(len(along) - size + 1, 1), size)
     ends = np.append(starts[1:], len(along))  # the last cell takes the remainder
     rms = np.sqrt(np.add.reduceat(square, starts) / (ends - starts))
-    calm = np.flatnonzero(rms < _NOISY * np.median(rms))
+    has_noise = ends - starts >= min(_LEAST_POINTS, len(along))
+    calm = np.flatnonzero(has_noise & (rms < _NOISY * np.median(rms[has_noise])))
     if not len(calm):
         return -np.inf, np.inf
     # what an earlier step has cut beyond these ends stays cut
     return along[starts[calm[0]]], along[ends[calm[-1]] - 1]
+
+
+def _starts_of_wide_cells(along):
+    """Numbers of the first points of the cells of equal width (rad) that have points; along: sorted angles."""
+    cell = np.floor(along / _CELL_RAD)
+    return np.flatnonzero(np.diff(cell, prepend=-np.inf))
 
 
 def _angles_from_middle(from_centre, label, used, count):
