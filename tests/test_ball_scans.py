@@ -100,6 +100,17 @@ def test_points_far_from_the_ball_are_left_out_and_reported():
     assert any(warning.startswith("2 of ") for warning in scans.warnings)
 
 
+def test_a_gross_point_that_larger_ones_hide_is_left_out():
+    """The large ones displace the first fit of their scan, next to which 0.3 mm is no more than its spread."""
+    recording = profile_recording(n=8, each=40)
+    columns = dict(recording.columns)
+    columns["z_mm"] = columns["z_mm"].copy()
+    rows = np.flatnonzero(columns["pose"] == 3)
+    columns["z_mm"][rows[[5, 12, 20, 30]]] += [7.0, 5.0, -0.3, 6.0]
+    scans = scans_of(load_robot("ur5"), replace(recording, columns=columns))
+    assert scans.warnings[-1].startswith(f"4 of {recording.n} points")
+
+
 def test_a_scan_that_determines_no_ball_is_left_out_and_reported():
     recording = profile_recording(n=8)
     few = recording.select((recording.columns["pose"] != 3) | (np.arange(recording.n) % 30 == 0))

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import datasets
 import workbench as wb
 from import_scenes import pose_scene, simulated
+from profile_scenes import profile_recording
 from robot_model.effects.drift import BaseDrift
 from robot_model.effects.elastic import JointCompliance
 from workbench.commands.cli import run
@@ -155,6 +156,19 @@ def test_a_share_of_the_noise_that_acts_like_a_move_is_no_move(runs):
 
     assert "has moved since" not in warnings_with(sigma / 3)
     assert "has moved since" in warnings_with(10 * sigma)
+
+
+def test_uncertainty_of_the_calibration_is_no_move_where_no_noise_is_stated(tmp_path):
+    """Other profiles of the same ball, almost without noise: base and tool take up a part of what is uncertain."""
+    datasets.write(profile_recording(n=40, each=100, seed=3), tmp_path / "measured")
+    other = profile_recording(n=40, each=90, seed=53, sigma=1e-4)
+    assert other.sigma is None
+    wb.calibrate(str(tmp_path / "measured"), out=str(tmp_path / "run"), folds=3, no_report=True)
+    arm = read_solution(tmp_path / "run")
+    assert not any("has moved since" in text for text in evaluate(arm, other).warnings)
+    columns = dict(other.columns) | {"x_mm": other.columns["x_mm"] + 0.2}
+    found = evaluate(arm, replace(other, columns=columns))
+    assert any("estimated on this recording" in text for text in found.warnings)
 
 
 def test_few_samples_cannot_pass_by_fitting_base_and_tool(runs):

@@ -13,6 +13,7 @@ import user_error_changes as changes
 from datasets.samples.columns import POINT, joint_columns
 from user_error_scenes import _scene
 from user_errors import EXTERNAL, Mistake
+from user_errors_more import large_blunders
 
 
 def swapped_and_reversed(recording):
@@ -166,17 +167,6 @@ def rounded_points(step):
     return make
 
 
-def blunders_of(share, size_mm):
-    def make(recording):
-        rng = np.random.default_rng(12)
-        rows = rng.choice(recording.n, max(3, int(share * recording.n)), replace=False)
-        points = recording.points.copy()
-        points[rows] += rng.normal(size=(len(rows), 3)) * size_mm
-        return changes.changed(recording, **dict(zip(POINT, points.T)))
-
-    return make
-
-
 def one_station_in_metres(recording):
     early = np.where(np.arange(recording.n) < 0.3 * recording.n, 0.001, 1.0)
     return changes.changed(recording, **{n: early * recording.columns[n] for n in POINT})
@@ -283,7 +273,7 @@ FURTHER = (
     ),
     Mistake("positions rounded to 1 mm", ("rounding", "point-rounding"), rounded_points(1.0)),
     Mistake("positions rounded to 0.1 mm", ("rounding", "point-rounding"), rounded_points(0.1)),
-    Mistake("3 % blunders of 5 mm", ("blunders",), blunders_of(0.03, 5.0)),
+    Mistake("3 % blunders of 5 mm", ("blunders",), large_blunders(0.03, 5.0)),
     Mistake("first 30 % in metres", ("length-unit", "moved"), one_station_in_metres),
 )
 WHOLE = (

@@ -477,16 +477,13 @@ def _size(bench, effects, term: Term) -> float | None:
     ]
     if not parameter_places or not problem.added:
         return None
-    moved = sum(problem.added[i] @ problem.values[i] for i in parameter_places) * unwhitened(
-        problem
-    )
-    return float(np.sqrt((moved**2).sum() / problem.n))
+    moved = sum(problem.added[i] @ problem.values[i] for i in parameter_places)
+    return float(np.sqrt(((moved * unwhitened(problem)) ** 2).sum() / problem.n))
 
 
 def _with_noise(last: FinalModel, terms, refused) -> tuple[Term, ...]:
     """The terms with findings on the data; the direction of noise only where no structure is left."""
-    found = last.found
-    after = last.after
+    found, after = last.found, last.after
     terms = (*terms, *noise_terms(found, terms, refused, after))
     if refused or last.has_rounding or contains_structure(found, terms):
         return terms

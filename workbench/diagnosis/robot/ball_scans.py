@@ -17,6 +17,7 @@ from robot_model.robot import Robot
 from sensors.hand_eye.circles import fit_circles
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import MAX_ROUNDS
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _OF_POINTS = ("sigma_mm", *SIGMAS)
@@ -50,7 +51,7 @@ def scans_of(robot: Robot, recording: Recording) -> Recording:
     is_usable = np.isfinite(centre[0])
     radius = surface.balls[ball, 3]
     fitted, used = _fitted(surface.measured, scan, centre, radius, is_usable)
-    said = _left_out(recording, scan, first, is_usable, used)
+    warnings = _left_out(recording, scan, first, is_usable, used)
     kept = np.flatnonzero(is_usable)
     columns = _means(recording, scan, used, first)
     columns |= dict(zip(_POINT, fitted.centre)) | {SECTION: fitted.section}
@@ -62,23 +63,36 @@ def scans_of(robot: Robot, recording: Recording) -> Recording:
         measures=KIND,
         columns={name: cells[kept] for name, cells in columns.items()},
         sigma_mm=None,
-        warnings=(*recording.warnings, *said),
+        warnings=(*recording.warnings, *warnings),
     )
 
 
 def _fitted(points, scan, centre, radius, is_usable) -> tuple[_Surface, np.ndarray]:
-    """The fit of each usable scan without points far off its surface, and (n,) True for the points that count."""
-    used = is_usable[scan]
+    """The fit of each usable scan without points far off its surface, and (n,) True for the points that count.
+
+    Gross points displace the fit, which hides some of them: the points are chosen again after each fit.
+    """
+    of_usable = is_usable[scan]
     is_profile = bool((points[1] == 0).all())
     fit = _fit_profiles if is_profile else _fit_clouds
+    used = of_usable
     fitted = fit(points, scan, used, centre, radius)
-    spread = np.array([_spread(fitted.gap[used & (scan == k)]) for k in range(len(radius))])
-    near = used & (np.abs(fitted.gap) <= _FAR * spread[scan])
-    is_left = np.bincount(scan[near], minlength=len(radius)) >= _FEWEST
-    near |= used & ~is_left[scan]
-    if (near != used).any():
-        fitted = fit(points, scan, near, centre, radius)
-    return fitted, near
+    for _ in range(MAX_ROUNDS):
+        near = _near_surface(fitted.gap, scan, used, of_usable)
+        if (near == used).all():
+            break
+        used = near
+        fitted = fit(points, scan, used, centre, radius)
+    return fitted, used
+
+
+def _near_surface(gap, scan, used, of_usable) -> np.ndarray:
+    """(n,) True for points of usable scans within a multiple of the spread of the used ones; all of a scan of few."""
+    count = scan.max() + 1
+    spread = np.array([_spread(gap[used & (scan == k)]) for k in range(count)])
+    near = of_usable & (np.abs(gap) <= _FAR * spread[scan])
+    is_left = np.bincount(scan[near], minlength=count) >= _FEWEST
+    return near | (of_usable & ~is_left[scan])
 
 
 def _spread(gap: np.ndarray) -> float:
@@ -165,19 +179,19 @@ def _numbers(recording: Recording, first) -> np.ndarray:
 
 def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, ...]:
     """Sentences on scans and points that are left out."""
-    said = []
+    warnings = []
     numbers = recording.sample_ids[first]
     lost = numbers[~is_usable]
     if len(lost):
         shown = ", ".join(f"{number}" for number in lost[:5])
-        said.append(
+        warnings.append(
             f"{len(lost)} of {len(first)} scans do not determine a ball and are left out: those that begin with "
             f"sample {shown}{', ...' if len(lost) > 5 else ''}. Measure more points there."
         )
     far = is_usable[scan] & ~used
     if far.any():
-        said.append(
+        warnings.append(
             f"{int(far.sum())} of {len(scan)} points are more than {_FAR:g} standard deviations off the ball in their "
             "scan and are left out of the diagnosis."
         )
-    return tuple(said)
+    return tuple(warnings)

@@ -14,7 +14,7 @@ from workbench.diagnosis.linear.problem import Bench
 from workbench.machine.processes import local, one_thread
 
 Search = Callable[[Bench, np.ndarray], list]
-_held: dict = {}  # of a process that searches: the bench and the search, sent once
+_process_state: dict = {}  # of a process that searches: the bench and the search, sent once
 
 
 class FoldSearches:
@@ -99,8 +99,8 @@ class FoldSearches:
 
 def _begin(sent: bytes) -> None:
     one_thread()
-    _held["bench"], _held["search"] = pickle.loads(sent)
+    _process_state["bench"], _process_state["search"] = pickle.loads(sent)
 
 
 def _search(part: np.ndarray) -> list:
-    return _held["search"](_held["bench"], part)
+    return _process_state["search"](_process_state["bench"], part)

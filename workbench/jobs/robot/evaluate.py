@@ -25,7 +25,7 @@ from workbench.fitting.plausibility.fitting import base_and_tool, base_patterns,
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
 from workbench.jobs.robot.compensation.compensate import covariates_read
 from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
-from workbench.jobs.robot.evaluate_sentences import refit_sentences
+from workbench.jobs.robot.evaluate_sentences import ADVICE, FITTED, MOVED, refit_sentences
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
@@ -39,18 +39,6 @@ _EXPLAINED = 3.0
 """Error with base and tool estimated, in held-out errors of the calibration, that a move alone may leave."""
 _SIGNIFICANT = 3.1  # standard deviations that chance exceeds once in a thousand times
 _LOAD = "payload_kg"
-_FITTED = (
-    "The calibration was fitted to {share}: its errors are not held out, and say nothing about other poses. "
-    "Evaluate another recording; the held-out error stands in the answer of the calibration."
-)
-_MOVED = (
-    "the instrument or the target has moved since, or errors of the model act like such a move in these poses; repeat "
-    "with --refit base, tool or base-and-tool"
-)
-_ADVICE = (
-    "the model does not describe this recording as well as its noise allows; run `workbench diagnose` on it, or "
-    "calibrate with both recordings"
-)
 
 
 @dataclass(frozen=True)
@@ -93,7 +81,7 @@ class Evaluated:
         if self.is_fitted_data:
             count, samples = int(self.fitted.sum()), self.recording.n
             share = "this recording" if count == samples else f"{count} of these {samples} samples"
-            sentences.append(_FITTED.format(share=share))
+            sentences.append(FITTED.format(share=share))
         if self._fits_better_elsewhere():
             sentences.append(self._better_elsewhere())
         if self.outside:
@@ -137,8 +125,6 @@ class Evaluated:
 
     def _is_improvement_significant(self) -> bool:
         """Whether base and tool estimated on the recording take up more than noise and calibration let expect."""
-        if self.recording.sigma is None:
-            return True
         mean, spread = self._expected_squares(self.most_estimated)
         improvement = self._squares(self.residual) - self._squares(self.refitted)
         return bool(improvement > mean + _SIGNIFICANT * spread)
@@ -160,7 +146,7 @@ class Evaluated:
             f"{refitted['rms_mm']:.3g} mm with both estimated on this recording"
         )
         if self._has_moved:
-            return f"{text}: {_MOVED}."
+            return f"{text}: {MOVED}."
         return (
             f"{text}: base and tool alone do not explain it (the calibration states "
             f"{self.arm.keys['held_out']['rms_mm']:.3g} mm). Look for another load, other units, another arm or a "
@@ -192,7 +178,7 @@ class Evaluated:
             degrees=degrees,
             is_significant=is_significant,
         )
-        advice = _MOVED if self._has_moved else _ADVICE
+        advice = MOVED if self._has_moved else ADVICE
         verdicts = [judge(position, noise, tolerances, advice)]
         if "rotation_rms_deg" in errors:
             angle = Residual(
@@ -234,12 +220,18 @@ class Evaluated:
 
         k s^2 + tr S and sqrt(2 (k s^4 + 2 s^2 tr S + tr S^2)), with the noise s of a coordinate and S = J C J'.
         """
-        sigma = noise_factor(self.arm, self.recording.sigma) * self.recording.sigma
-        variance = float(np.mean(np.square(sigma)))
+        variance = self._noise_variance()
         parameters = float(np.trace(self.parameter_spread))
         squared_spread = float(np.sum(self.parameter_spread * self.parameter_spread.T))
         spread = np.sqrt(2 * (degrees * variance**2 + 2 * variance * parameters + squared_spread))
         return degrees * variance + parameters, float(spread)
+
+    def _noise_variance(self) -> float:
+        """Variance of a coordinate, mm^2: stated, or else of what remains with base and tool estimated."""
+        if self.recording.sigma is None:
+            return self._squares(self.refitted) / (self._coordinates - self.most_estimated)
+        sigma = noise_factor(self.arm, self.recording.sigma) * self.recording.sigma
+        return float(np.mean(np.square(sigma)))
 
     def as_json(self, tolerances: Sequence[Tolerance] = ()) -> dict:
         """The answer of `workbench evaluate`."""

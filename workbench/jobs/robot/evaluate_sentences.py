@@ -1,9 +1,21 @@
-"""Sentences of a verdict from the errors with base and tool estimated on a recording."""
+"""Sentences of an evaluation: on fitted data, a moved instrument, and errors with base and tool estimated."""
 
 import numpy as np
 
 from workbench.fitting.cross_validation import error_summary
 
+FITTED = (
+    "The calibration was fitted to {share}: its errors are not held out, and say nothing about other poses. "
+    "Evaluate another recording; the held-out error stands in the answer of the calibration."
+)
+MOVED = (
+    "the instrument or the target has moved since, or errors of the model act like such a move in these poses; repeat "
+    "with --refit base, tool or base-and-tool"
+)
+ADVICE = (
+    "the model does not describe this recording as well as its noise allows; run `workbench diagnose` on it, or "
+    "calibrate with both recordings"
+)
 _WORSE = 1.25
 """Ratio of the errors of the calibrated and the nominal arm up to which the difference does not matter."""
 

@@ -327,15 +327,13 @@ class _Work:
         )
         fitted_balls = []
         for free, number in zip(found, numbers):
-            is_on_ball = free.reason != ELSEWHERE
+            on_ball = free.reason != ELSEWHERE
             limit = max(trimmed, _steepest(free, cloud))
-            columns_of_ball = {key: value[..., is_on_ball] for key, value in columns.items()} | {
+            columns_of_ball = {key: value[..., on_ball] for key, value in columns.items()} | {
                 "incidence": limit
             }
-            ball = self._ball(
-                cloud.some(is_on_ball), columns_of_ball, free, number, shape[:, is_on_ball]
-            )
-            if why := _undetermined(ball.fit, cloud.stripe[is_on_ball]):
+            ball = self._ball(cloud.some(on_ball), columns_of_ball, free, number, shape[:, on_ball])
+            if why := _undetermined(ball.fit, cloud.stripe[on_ball]):
                 count = int(ball.fit.inliers.sum())
                 refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
             else:

@@ -50,12 +50,12 @@ def with_rows_of_reflectors(
     columns.setdefault(POSE, pose + 1.0)
     if distance > _ONE_POINT:
         columns.setdefault(REFLECTOR, reflector + 1.0)
-    what = f"{count} reflectors on one tool" if distance > _ONE_POINT else f"{count} repeats"
-    said = (
-        f"{many.file} has {count} rows for each row of {few.file}, read as {what}: the rows {words}, since "
+    reading = f"{count} reflectors on one tool" if distance > _ONE_POINT else f"{count} repeats"
+    note = (
+        f"{many.file} has {count} rows for each row of {few.file}, read as {reading}: the rows {words}, since "
         "the distances between the points then stay the same."
     )
-    return few.take(pose), replace(many, columns=columns), (said,)
+    return few.take(pose), replace(many, columns=columns), (note,)
 
 
 def _change_of_distances(table: RawTable, order: np.ndarray, count: int) -> tuple[float, float]:

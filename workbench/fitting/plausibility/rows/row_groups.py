@@ -230,14 +230,3 @@ def _grown(robot, recording, rows, good: float) -> Group | None:
         return None
     is_large = len(rows) >= _LEAST_SHARE * recording.n and fit.degrees >= _LEAST_DEGREES
     return Group(fit, mismatch, _AGREE * good) if is_large else None
-
-
-__all__ = [
-    "Group",
-    "Reason",
-    "another_frame",
-    "interchanged_columns",
-    "largest_group",
-    "lost_signs",
-    "readings_in_other_unit",
-]

@@ -39,13 +39,13 @@ def pose_and_centre(
         return None
     if any(table.n != tables[0].n or table.n < _FEWEST for table in tables):
         return None
-    best, most = None, _MOST_LEFT
+    best, least_share = None, _MOST_LEFT
     for pose, centre in _sets(tables):
         joined, (pose, centre) = join_sets([pose, centre])
         for place, rotation in pose_layouts(joined, pose.columns):
-            left = _share_left(joined, place, rotation, centre.columns)
-            if left < most:
-                best, most = (joined, place, rotation, centre.columns), left
+            share = _share_left(joined, place, rotation, centre.columns)
+            if share < least_share:
+                best, least_share = (joined, place, rotation, centre.columns), share
     if best is None:
         return None
     joined, place, rotation, centre = best
@@ -55,12 +55,12 @@ def pose_and_centre(
         flange_rotation=rotation,
         point=Group(centre),
     )
-    said = (
+    note = (
         f"No header names flange poses or centres of a ball; {', '.join(place.columns + rotation.columns)} are read as "
         f"poses of the flange and {', '.join(centre)} as the centre of one fixed ball, since the ball then keeps its "
         "place. If that is wrong, state the columns in a mapping file and name it with --map."
     )
-    return replace(joined, warnings=(*joined.warnings, said)), mapping.merged(proposed)
+    return replace(joined, warnings=(*joined.warnings, note)), mapping.merged(proposed)
 
 
 def _sets(tables: Sequence[RawTable]) -> Iterator[tuple[PoseSet, PoseSet]]:
@@ -96,18 +96,18 @@ def _share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence
     if not (np.isfinite(origins).all() and np.isfinite(seen).all() and scatter > 0):
         return np.inf
     try:
-        turns = rotation_candidates(rotation, table)
+        candidates = rotation_candidates(rotation, table)
     except InputError:
         return np.inf
-    found = [_misfit(turn.matrices(table), origins, seen) for turn in turns]
+    found = [_misfit(candidate.matrices(table), origins, seen) for candidate in candidates]
     return min(found, default=np.inf) / scatter
 
 
-def _misfit(turned: np.ndarray, origins: np.ndarray, seen: np.ndarray) -> float:
-    """RMS distance that the best matrix, place of the sensor and ball leave. turned: (n, 3, 3)."""
+def _misfit(rotations: np.ndarray, origins: np.ndarray, seen: np.ndarray) -> float:
+    """RMS distance that the best matrix, place of the sensor and ball leave. rotations: (n, 3, 3)."""
     count = len(origins)
-    of_matrix = np.einsum("nij,nk->nijk", turned, seen).reshape(count, 3, 9)
+    of_matrix = np.einsum("nij,nk->nijk", rotations, seen).reshape(count, 3, 9)
     fixed = np.broadcast_to(-np.eye(3), (count, 3, 3))
-    rows = np.concatenate([of_matrix, turned, fixed], axis=2).reshape(3 * count, _UNKNOWNS)
-    left = rows @ least_squares(rows, -origins.ravel(), 1e-9) + origins.ravel()
-    return float(np.sqrt(3 * (left**2).sum() / (3 * count - _UNKNOWNS)))
+    rows = np.concatenate([of_matrix, rotations, fixed], axis=2).reshape(3 * count, _UNKNOWNS)
+    residual = rows @ least_squares(rows, -origins.ravel(), 1e-9) + origins.ravel()
+    return float(np.sqrt(3 * (residual**2).sum() / (3 * count - _UNKNOWNS)))
