@@ -171,6 +171,14 @@ def test_uncertainty_of_the_calibration_is_no_move_where_no_noise_is_stated(tmp_
     assert any("estimated on this recording" in text for text in found.warnings)
 
 
+def test_orientations_do_not_outweigh_positions_without_a_stated_noise(runs):
+    """With a sigma of 1 mm for positions the RMS with base and tool estimated was 18 % larger."""
+    arm, second = read_solution(runs / "run"), datasets.read(str(runs / "second"))
+    stated = evaluate(arm, second).refitted[:3]
+    unknown = evaluate(arm, replace(second, sigma_mm=None)).refitted[:3]
+    assert np.sqrt(np.mean(unknown**2)) == pytest.approx(np.sqrt(np.mean(stated**2)), rel=1e-3)
+
+
 def test_few_samples_cannot_pass_by_fitting_base_and_tool(runs):
     arm, second = read_solution(runs / "run"), datasets.read(runs / "second")
     with pytest.raises(InputError, match="expected at least 5 poses, found 2: base and tool have"):

@@ -23,9 +23,9 @@ from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plausibility.fitting import base_and_tool, base_patterns, tool_patterns
 from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdict, combine, judge
+from workbench.jobs.robot import evaluate_sentences as texts
 from workbench.jobs.robot.compensation.compensate import covariates_read
 from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
-from workbench.jobs.robot.evaluate_sentences import ADVICE, FITTED, MOVED, refit_sentences
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
@@ -81,7 +81,7 @@ class Evaluated:
         if self.is_fitted_data:
             count, samples = int(self.fitted.sum()), self.recording.n
             share = "this recording" if count == samples else f"{count} of these {samples} samples"
-            sentences.append(FITTED.format(share=share))
+            sentences.append(texts.FITTED.format(share=share))
         if self._fits_better_elsewhere():
             sentences.append(self._better_elsewhere())
         if self.outside:
@@ -146,12 +146,9 @@ class Evaluated:
             f"{refitted['rms_mm']:.3g} mm with both estimated on this recording"
         )
         if self._has_moved:
-            return f"{text}: {MOVED}."
-        return (
-            f"{text}: base and tool alone do not explain it (the calibration states "
-            f"{self.arm.keys['held_out']['rms_mm']:.3g} mm). Look for another load, other units, another arm or a "
-            "change of the arm; `workbench check` tests the recording."
-        )
+            return f"{text}: {texts.MOVED}."
+        held_out = self.arm.keys["held_out"]["rms_mm"]
+        return f"{text}: {texts.NOT_MOVED.format(held_out=held_out)}"
 
     @property
     def _coordinates(self) -> int:
@@ -178,7 +175,7 @@ class Evaluated:
             degrees=degrees,
             is_significant=is_significant,
         )
-        advice = MOVED if self._has_moved else ADVICE
+        advice = texts.MOVED if self._has_moved else texts.ADVICE
         verdicts = [judge(position, noise, tolerances, advice)]
         if "rotation_rms_deg" in errors:
             angle = Residual(
@@ -189,7 +186,7 @@ class Evaluated:
             )
             verdicts.append(judge(angle, None, tolerances, advice))
         verdict = combine(verdicts)
-        notes = refit_sentences(self.refitted, self.nominal, self._fits_better_elsewhere())
+        notes = texts.refit_sentences(self.refitted, self.nominal, self._fits_better_elsewhere())
         return replace(verdict, sentence=" ".join((verdict.sentence, *notes)))
 
     def _statistic(self, quantity: str, share: float) -> str:
@@ -380,8 +377,18 @@ def _predicted(
     """(m, n) residual at the values of the arm, parameters that match `free` estimated on the samples."""
     model, parameters = _model(arm, samples, effects, free)
     if free:
-        parameters = solve(model, parameters.only(parameters.matching(*free))).parameters
+        fit = solve(model, parameters.only(parameters.matching(*free)))
+        if model.chain.sigma_unknown:
+            fit = solve(_with_estimated_sigma(model, fit.residual), fit.parameters)
+        parameters = fit.parameters
     return model.residual(parameters)
+
+
+def _with_estimated_sigma(model: Model, residual: np.ndarray) -> Model:
+    """The model with the RMS of the residual (m, n) as the sigma of a length; those of angles stay."""
+    sigma = model.chain.sigma.copy()
+    sigma[:3] = max(_rms(residual[:3]), 1e-6)
+    return replace(model, chain=replace(model.chain, sigma=sigma), _bases={})
 
 
 def _parameter_spread(arm: CalibratedArm, samples: Recording, free: tuple[str, ...]) -> np.ndarray:

@@ -12,6 +12,10 @@ MOVED = (
     "the instrument or the target has moved since, or errors of the model act like such a move in these poses; repeat "
     "with --refit base, tool or base-and-tool"
 )
+NOT_MOVED = (
+    "base and tool alone do not explain it (the calibration states {held_out:.3g} mm). Look for another load, other "
+    "units, another arm or a change of the arm; `workbench check` tests the recording."
+)
 ADVICE = (
     "the model does not describe this recording as well as its noise allows; run `workbench diagnose` on it, or "
     "calibrate with both recordings"
