@@ -120,7 +120,7 @@ def joined_ball(kind: str, folder: Path, seed: int) -> JoinedBall:
     known = KnownHandEye(HAND_EYE, np.zeros((6, 6)), POSE_SIGMA)
     motion = moved_by_robot(flange_poses(recording)[first], known)
     points = motion.points(recording.points.T, pose)
-    (ball,), _ = surface_scan._balls(recording, motion, points, pose)
+    (ball,), _ = surface_scan._balls(recording, motion, points, pose, None)
     least = joined_bound(kind, motion, points, pose, truth)
     free = surface_scan._fit(motion, points, pose, None)
     return JoinedBall(recording, ball.fit, truth, least, free)
