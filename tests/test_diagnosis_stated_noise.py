@@ -219,3 +219,40 @@ def test_structure_that_no_smooth_function_of_two_covariates_makes_is_no_larger_
 @pytest.mark.parametrize("factor", [1.0, 1.5, 4.0])
 def test_larger_noise_is_not_alike_at_neighbouring_poses(factor):
     assert _left_by(int(10 * factor), lambda q, x: 0.0, factor) is None
+
+
+def test_gaussian_noise_of_a_fit_with_few_degrees_of_freedom_has_no_heavy_tails():
+    """The residuals of 12 samples with 27 of 36 numbers fitted have variances from a thousandth to nearly one."""
+    rng = np.random.default_rng(0)
+    plain, studentised = 0, 0
+    for _ in range(100):
+        reach = np.repeat(rng.uniform(0.02, 1.0, 12) ** 2, 3)  # the least do not matter to the fit
+        basis = np.linalg.qr(rng.normal(size=(36, 27)) * reach[:, None])[0]
+        noise = rng.normal(size=36)
+        white = (noise - basis @ (basis.T @ noise)).reshape(12, 3).T
+        blocks = basis.reshape(12, 3, 27)
+        shares = np.eye(3) - blocks @ blocks.swapaxes(1, 2)
+        usual = np.ones(12, bool)
+        one = StatedNoise(white, 9, usual, np.arange(12), np.zeros(12, int))
+        plain += heavy_tails(one) is not None
+        known = replace(one, shares=shares)
+        studentised += heavy_tails(known) is not None
+        assert known.studentised.shape == (3, 12)
+    assert studentised == 0 < plain
+
+
+def test_studentised_residuals_have_unit_variance():
+    rng = np.random.default_rng(4)
+    basis = np.linalg.qr(
+        rng.normal(size=(30, 21)) * np.repeat(np.linspace(0.1, 1, 10), 3)[:, None]
+    )[0]
+    blocks = basis.reshape(10, 3, 21)
+    shares = np.eye(3) - blocks @ blocks.swapaxes(1, 2)
+    noise = rng.normal(size=(30, 4000))
+    residuals = (noise - basis @ (basis.T @ noise)).T.reshape(4000, 10, 3)
+    usual = np.ones(10, bool)
+    rows = [
+        StatedNoise(one.T, 9, usual, np.arange(10), np.zeros(10, int), shares).studentised
+        for one in residuals
+    ]
+    assert np.var(rows, axis=0) == pytest.approx(1.0, abs=0.12)

@@ -98,8 +98,9 @@ class FinalModel:
         if not np.isfinite(white).all():
             return None
         degrees = self.after.degrees * white.size / residuals.size
+        shares = residual_covariances(self.after)[:, rows, rows]
         return stated_noise.StatedNoise(
-            white, degrees, ~self.found.outliers, self.bench.pose, self._index()
+            white, degrees, ~self.found.outliers, self.bench.pose, self._index(), shares
         )
 
     def local_structure(self) -> Finding | None:
@@ -236,6 +237,16 @@ def residuals_of(problem) -> np.ndarray:
     out = np.full((counts.max(), problem.n), np.nan)
     out[place, problem.sample] = value
     return out
+
+
+def residual_covariances(problem) -> np.ndarray:
+    """(n, m, m) covariance of the residual of each sample, I - Q_i Q_i', of noise with the unit matrix.
+
+    Q (N, R): basis of the column space of the fit. All samples have m coordinates, in the order of `residuals_of`.
+    """
+    order = np.argsort(problem.sample, kind="stable")
+    basis = problem.full_basis[order].reshape(problem.n, -1, problem.full_basis.shape[1])
+    return np.eye(basis.shape[1]) - basis @ basis.swapaxes(1, 2)
 
 
 def unwhitened(problem) -> np.ndarray:

@@ -19,9 +19,11 @@ _LIGHTEST = 8.0
 def heavy_tails(stated: StatedNoise) -> Term | None:
     """The finding that inliers have Student's noise and no Gaussian, with degrees of freedom and RMS; else None.
 
-    Its p-value is one over the Bayes factor, by Markov's inequality; a term of the mean is to be left by none.
+    Its p-value is one over the Bayes factor, by Markov's inequality; a term of the mean is to be left by none. The
+    residuals are studentised: a fit with few degrees of freedom leaves Gaussian noise of many different variances, and
+    a mixture of these has heavy tails.
     """
-    log_factor, degrees, std = tails(stated.white[:, stated.inliers])
+    log_factor, degrees, std = tails(stated.studentised[:, stated.inliers])
     level = stated.from_residuals()
     if log_factor < -np.log(DATA_FAULT_LEVEL) or degrees > _LIGHTEST or level is None:
         return None

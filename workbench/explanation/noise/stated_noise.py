@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from workbench.core.distributions import chi2, fisher, student
-from workbench.diagnosis.levels import DATA_FAULT_LEVEL
+from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.diagnosis.levels import DATA_FAULT_LEVEL, ROUNDING
 from workbench.diagnosis.linear.problem import Finding
 from workbench.explanation.noise.replicates import FROM_REPLICATES, LEAST_REPEATS, replicates
 
@@ -49,6 +50,8 @@ class StatedNoise:
 
     white (m, n): residuals of the final model over the stated sigma, not weighted; degrees: their degrees of freedom;
     inliers (n,) bool: not an outlier; pose (n,): labels of repeated poses; index (n,): target of each sample.
+    shares (n, m, m): covariance of the residual of each sample where the noise has the unit matrix, which is less what
+    the fit follows at this sample; None: the same everywhere.
     """
 
     white: np.ndarray
@@ -56,6 +59,21 @@ class StatedNoise:
     inliers: np.ndarray
     pose: np.ndarray
     index: np.ndarray
+    shares: np.ndarray | None = None
+
+    @property
+    def studentised(self) -> np.ndarray:
+        """(m, n) residuals of equal variances (Cook & Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
+
+        A coordinate that the fit follows exactly has no residual, and counts as zero.
+        """
+        if self.shares is None:
+            return self.white
+        values, vectors = symmetric_eigen(self.shares)
+        along = np.einsum("nmk,mn->nk", vectors, self.white)
+        is_free = values > ROUNDING
+        scaled = np.where(is_free, along / np.sqrt(np.where(is_free, values, 1.0)), 0.0)
+        return np.einsum("nmk,nk->mn", vectors, scaled)
 
     def from_residuals(self) -> NoiseRatio | None:
         """The ratio from the residual of the final model; None without degrees of freedom."""
