@@ -1,6 +1,11 @@
 """Sentences of findings."""
 
+from types import SimpleNamespace
+
+import numpy as np
+
 from workbench.diagnosis.linear.problem import Alternative, Finding
+from workbench.explanation.reporter import with_numbered_samples
 from workbench.explanation.result import Term
 from workbench.explanation.sentences import statements
 
@@ -22,3 +27,27 @@ def test_noise_findings_are_described_in_words():
         statements.statement(spread, "the ball", "mm")
         == "The noise is not the same everywhere: its spread goes with the range."
     )
+
+
+def test_the_first_result_has_the_most_probable_names():
+    link = Alternative("link-compliance", "link-2", "", 0.93, 1.0, "")
+    moved = Alternative("backlash", "joint-2", "", 0.96, 1.0, "", "approach")
+    joint = Finding(
+        "joint-compliance", "joint-2", "", (), 1e-9, 0.004, 0.3, 40.0, (), (link, moved)
+    )
+    said = statements.preliminary(SimpleNamespace(findings=(joint,)))
+    assert "link-compliance at link 2 (0.93)" in said and "joint-compliance" not in said
+
+
+def test_progress_names_the_samples_about_an_instant():
+    lines = []
+    state = SimpleNamespace(covariates={"row": np.arange(80.0)}, n=80)
+    chain = SimpleNamespace(poses_per_sample=1, state=state)
+    bench = SimpleNamespace(chain=chain, recording=SimpleNamespace(sample_ids=np.arange(1, 81)))
+    with_numbered_samples(lines.append, bench)("shift at tool after row 49.5; backlash at joint-2")
+    images = SimpleNamespace(chain=None)
+    with_numbered_samples(lines.append, images)("board-bow at artefact")
+    assert lines == [
+        "shift at tool between samples 50 and 51; backlash at joint-2",
+        "board-bow at artefact",
+    ]

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,7 @@ from workbench.explanation.planning.experiment import (
     missing_of,
     next_experiment,
 )
+from workbench.explanation.reporter import Reporter, ReportProgress, with_numbered_samples
 from workbench.explanation.result import (
     UNEXPLAINED,
     Diagnosis,
@@ -77,7 +78,6 @@ NO_MASSES = (
     "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
 )
 _LONG_S = 1.0  # a search beyond which processes are worth their start
-ReportProgress = Callable[[str], None]
 
 
 def diagnose(
@@ -100,7 +100,7 @@ def diagnose(
     inside folds, where one search takes long enough. trust_data: diagnose also a recording that cannot be right.
     Raises InputError.
     """
-    report = _Reporter(progress, first, provisional)
+    report = Reporter(progress, first, provisional)
     if recording.measures in IMAGES:
         return _of_sensor(recording, simulation or solution, report)
     reference = references.reference_of(simulation, solution, recording.robot)
@@ -119,7 +119,7 @@ def diagnose(
     return diagnosis if reference is None else with_differences(diagnosis, reference, compared)
 
 
-def _of_sensor(recording, reference, report: "_Reporter") -> Diagnosis:
+def _of_sensor(recording, reference, report: "Reporter") -> Diagnosis:
     from workbench.diagnosis.scanner import sensor
 
     if reference is not None:
@@ -157,20 +157,8 @@ def _contains(effect, others) -> bool:
     return any((e.effect, e.where) == (effect.effect, effect.where) for e in others)
 
 
-@dataclass(frozen=True)
-class _Reporter:
-    """Called with what is done; `first`, `provisional`: called with what the first search found, see `diagnose`."""
-
-    progress: ReportProgress
-    first: ReportProgress
-    provisional: Callable[[dict], None]
-
-    def __call__(self, text: str) -> None:
-        self.progress(text)
-
-
 def _diagnose_bench(
-    recording, bench: Bench, baseline: str, shares, report: _Reporter, jobs: int = 1
+    recording, bench: Bench, baseline: str, shares, report: Reporter, jobs: int = 1
 ) -> Diagnosis:
     """Find, prove, say what cannot be seen and what to measure next."""
     bench, found, (terms, refused, proved) = _found_and_proved(bench, report, jobs)
@@ -364,7 +352,7 @@ def _warnings(last: FinalModel, recording, terms=(), correlation=None) -> tuple[
     return (*on_data, NO_MASSES.format(robot=chain.robot.name))
 
 
-def _found_and_proved(bench: Bench, report: _Reporter, jobs: int):
+def _found_and_proved(bench: Bench, report: Reporter, jobs: int):
     """The bench as of `_searched`, what the search finds on it, and what is proved of that, as of `_proved`."""
     with proof.fold_searches(found_terms, jobs) as searches:
         bench, found = _searched(bench, report, searches)
@@ -372,13 +360,13 @@ def _found_and_proved(bench: Bench, report: _Reporter, jobs: int):
         return bench, found, _proved(bench, found, noise, report, searches)
 
 
-def _searched(bench: Bench, report: _Reporter, searches: FoldSearches) -> tuple[Bench, Found]:
+def _searched(bench: Bench, report: Reporter, searches: FoldSearches) -> tuple[Bench, Found]:
     """The bench, with jitter where images have some, and what the first search finds on it.
 
     searches: those of its repetitions, with processes where the search takes long: then from the first finding on.
     """
     start, is_found = time.perf_counter(), False
-    step = elapsed(report, LEAST_FOLDS)
+    step = with_numbered_samples(elapsed(report, LEAST_FOLDS), bench)
 
     def announce(terms):
         nonlocal is_found

@@ -268,7 +268,7 @@ def show(console, result) -> None:
 def _show_written_model(console, held_out, unit: str) -> None:
     """The held-out error of the model that is written, where a search in the folds finds other terms."""
     searched, written = held_out[f"after_{unit}"], held_out.get(f"after_same_terms_{unit}")
-    if written and abs(searched - written) > _DIFFERENT * written:
+    if written and searched is not None and abs(searched - written) > _DIFFERENT * written:
         console.print(
             f"{searched:.4g} {unit} is the error where the search is repeated in every fold, and finds other terms in "
             f"some of them. The model that is written has the findings above: {written:.4g} {unit} with these in "

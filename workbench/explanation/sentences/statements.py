@@ -12,7 +12,7 @@ from workbench.core.common_effects import NoiseLaw
 from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Finding, Found
+from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effects import LAST_MOVE_LABEL
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
@@ -388,10 +388,10 @@ def first_terms(terms: Sequence[Hypothesis]) -> str:
 
 
 def preliminary(found: Found) -> str:
-    """Sentence on the findings of the first search, before validation."""
+    """Sentence on the findings of the first search, before validation: each by its most probable name."""
     names = [
-        f"{finding.effect} at {place(finding.where)} ({_probability(finding)})"
-        for finding in found.findings
+        f"{named.effect} at {place(named.where)} ({_probability(named)})"
+        for named in map(_most_probable_name, found.findings)
     ]
     if not names:
         return "First result, not yet validated: no unmodelled effect was found."
@@ -399,6 +399,12 @@ def preliminary(found: Found) -> str:
         f"First result with probabilities, not yet validated: {listed(names)}. Cross-validation may reject some of "
         "them."
     )
+
+
+def _most_probable_name(finding: Finding) -> Finding | Alternative:
+    """The finding, or the alternative that is more probable; one that needs a missing covariate is none."""
+    others = [other for other in finding.alternatives if not other.missing_covariate]
+    return max((finding, *others), key=lambda named: named.probability)
 
 
 def provisional_keys(sentence: str, effects: Sequence[Hypothesis | Finding]) -> dict:
