@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from benchmarks.cramer_rao import centre_bound
 from sensors.stripe.find import Stripes, find_stripes
-from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN
+from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN, _largest_elsewhere
 from sensors.stripe.profile import Noise
+from sensors.stripe.rows import brightest
 from workbench.core.errors import InputError
 
 FRAMES, HEIGHT, WIDTH = 6, 512, 320
@@ -328,3 +329,29 @@ def _shaded_balls(rows):
         shade = np.clip(0.8 * np.sqrt(np.maximum(inward, 0)) - 0.4 * down, 0, 1)
         made += np.where(inward > 0, 1 + 14 * shade, 0.0)
     return made
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_pieces_near_the_line_do_not_hide_other_peaks(first):
+    random = np.random.default_rng(3)
+    image = random.integers(0, 255, (40, 640), dtype=np.uint8)
+    found = brightest(image)
+    row = np.arange(first, 40)
+    middle = random.integers(-30, 670, len(row))
+    made = _largest_elsewhere(found, row, middle, 20)
+    pieces = image.reshape(40, -1, found.piece)
+    number = np.arange(pieces.shape[1])
+    for k, line, largest in zip(middle, row, made):
+        near = np.clip(((k - 20) // found.piece, (k + 20) // found.piece), 0, number[-1])
+        away = (number < near[0]) | (number > near[1])
+        assert largest == pieces[line, away].max()
+
+
+def test_levels_that_differ_from_row_to_row_leave_centres_and_misfit():
+    truth = centres(3)
+    ground = 2000 + 40_000 * np.linspace(0, 1, HEIGHT)[None, :, None]
+    random = np.random.default_rng(4)
+    made = ground + light(truth, 9000 + 0 * truth) + random.normal(0, 60, (3, HEIGHT, WIDTH))
+    found = find_stripes(np.rint(made).astype(np.uint16), saturation=65535)
+    assert len(found) > 0.99 * truth.size
+    assert np.mean((errors(found, truth) / found.sigma) ** 2) == pytest.approx(1, abs=0.1)

@@ -77,7 +77,7 @@ def _piles_up(lines: np.ndarray, largest) -> bool:
     """Whether far more pixels have the largest value than have any other one near it."""
     step = Counts.of(lines).step if lines.dtype.kind == "u" else 1
     span = float(largest) - float(np.median(lines[:, ::4, ::4]))
-    if not span >= _COARSE * step:
+    if not span >= _COARSE * step or np.count_nonzero(lines == largest) < _LEAST:
         return False
     count = _counts(lines, float(largest) - _HIGH * span, largest)
     return bool(count[-1] >= _LEAST and count[-1] > _PILE * max(count[:-1], default=0))

@@ -131,7 +131,8 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
     if setting.noise.gain > 0:
         lit = lit + 2 * rows.ambient(row, column)
     quiet = setting.noise.variance(lit)
-    fits.strength = np.where(hard, fits.peak, fits.strength) / np.sqrt(quiet)
+    height = np.where(hard, fits.peak, fits.strength) if hard.any() else fits.strength
+    fits.strength = height / np.sqrt(quiet)
     return fits, hard, _steep(raw, table.half, 8 * setting.noise.read)
 
 
@@ -258,8 +259,9 @@ def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, h
             centre[inside],
         )
     _, net = rows.windows(fits.row.take(place), nearest_row - table.half, size)
-    level = fits.background.take(place)
-    net -= level[:, None]
+    # single precision keeps what the fit leaves over; q takes a level out of all numbers but the background
+    level = np.float32(fits.background.take(place).mean())
+    net -= level
     phase = np.rint((centre - nearest_row + 0.5) * PHASES).astype(np.intp)
     number, match, misfit = _solve(net, phase, table)
     every = slice(None) if len(place) == len(fits.row) else place

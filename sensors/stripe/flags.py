@@ -74,23 +74,33 @@ def _suspicious(found: Brightest, fits: Fits, limit, setting):
     width = found.image.shape[1]
     half = int(3 * np.minimum(fits.width, 2 * setting.width).max(initial=0)) + 3
     middle = np.rint(fits.centre).astype(np.intp)
-    pieces = found.pieces.take(fits.row, 1)
-    every = np.arange(len(fits.row))
-    count = len(fits.row)
-    first, last = ((middle + side) // length for side in (-half, half))
-    for offset in range(int((last - first).max(initial=0)) + 1):
-        touched = np.clip(np.minimum(first + offset, last), 0, len(pieces) - 1)
-        pieces.reshape(-1)[touched * count + every] = floor(pieces)
-    is_suspicious = pieces.max(0) > limit
+    is_suspicious = _largest_elsewhere(found, fits.row, middle, half) > limit
     start = middle - half - length
     size = 2 * (half + length) + 1
     inner = (start >= 0) & (start + size <= width)
-    is_suspicious |= ~inner
-    place = slice(None) if inner.all() else np.flatnonzero(inner)
+    place = slice(None)
+    if not inner.all():
+        is_suspicious |= ~inner
+        place = np.flatnonzero(inner)
     around = _cut(found.image, fits.row[place] * width + start[place], size)
     for side in (slice(0, length), slice(size - length, size)):
         is_suspicious[place] |= row_max(around[:, side]) > limit[place]
     return is_suspicious
+
+
+def _largest_elsewhere(found: Brightest, row, middle, half) -> np.ndarray:
+    """(n,) largest pixel of those pieces of the rows (n,) that have none within `half` px of `middle` (n,) px."""
+    is_every_row = len(row) == found.pieces.shape[1]
+    pieces = found.pieces.copy() if is_every_row else found.pieces.take(row, 1)
+    flat, count = pieces.reshape(-1), len(row)
+    every = np.arange(count)
+    first, last = ((middle + side) // found.piece for side in (-half, half))
+    first = np.maximum(first, 0)
+    last = np.clip(last, 0, len(pieces) - 1)
+    lowest = floor(pieces)
+    for offset in range(int((last - first).max(initial=0)) + 1):
+        flat[np.minimum(first + offset, last) * count + every] = lowest
+    return pieces.max(0)
 
 
 def _fit_in_order(rows, row, column, setting):

@@ -66,7 +66,8 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
     width, search = _search(image, found, noise.read)
     setting = Setting(noise, width, saturation)
     for _ in range(3):
-        fits = search.fits(search.brightest(image), rows, setting)
+        places = found if search.width is None else search.brightest(image)
+        fits = search.fits(places, rows, setting)
         fits = fits.take((fits.strength > 7) & ~fits.cut)
         if len(fits.row) < 20:
             return setting, search
