@@ -95,7 +95,9 @@ class Scan:
     def key(self) -> tuple:
         """Its name, the same at every solution."""
         name = ("scan", self.effect, self.where, self.kind, self.family, self.word)
-        return (*name, float(self.options[0])) if self.is_exact else name
+        if self.is_exact:
+            return (*name, float(self.options[0]))
+        return name
 
     def columns_at(self, problem, value: float) -> np.ndarray:
         """(N, P) whitened columns in typical sizes for one value of the option."""
@@ -107,7 +109,10 @@ class Scan:
 
     def waves(self, options: np.ndarray) -> np.ndarray:
         """(V, 2, n) cosines and sines for values (V,) of the option."""
-        rates = 2 * np.pi / options if self.kind == "period" else options
+        if self.kind == "period":
+            rates = 2 * np.pi / options
+        else:
+            rates = options
         phase = rates[:, None] * self.x
         return np.stack([np.cos(phase), np.sin(phase)], 1)
 
@@ -115,9 +120,10 @@ class Scan:
         """Cycles over the range of the covariate of a wave with one value of the option; 0 of a step."""
         if self.kind == "step":
             return 0.0
-        phase = (
-            value * np.ptp(self.x) if self.kind == "wave" else 2 * np.pi * np.ptp(self.x) / value
-        )
+        if self.kind == "wave":
+            phase = value * np.ptp(self.x)
+        else:
+            phase = 2 * np.pi * np.ptp(self.x) / value
         return float(phase / (2 * np.pi))
 
     def with_exact_option(self, value: float) -> "Scan":

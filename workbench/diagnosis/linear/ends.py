@@ -25,7 +25,9 @@ class Ends:
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """(n,) mean of values (E n,) over the E arm poses of each sample."""
-        return values if self.count == 1 else values.reshape(self.count, -1).mean(0)
+        if self.count == 1:
+            return values
+        return values.reshape(self.count, -1).mean(0)
 
     def joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., N) sum of the contributions (..., E N) of the E arm poses of each sample."""

@@ -63,7 +63,8 @@ class Scores:
 
     def row(self, i: int) -> tuple[float, float, float, int]:
         """Evidence, p-value, gain and rank of one hypothesis."""
-        gain, rank = float(self.gain[i]), int(self.rank[i])
+        gain = float(self.gain[i])
+        rank = int(self.rank[i])
         return float(self.evidence[i]), float(self.p[i]), gain, rank
 
     def part(self, chosen: slice) -> "Scores":
@@ -136,11 +137,15 @@ class Projected:
 
     def _y(self) -> np.ndarray:
         """(N,) the residual, orthogonal to the baseline alone."""
-        return self.y if self.retained is None else self.retained.added.y
+        if self.retained is None:
+            return self.y
+        return self.retained.added.y
 
     def _basis_of_effects(self) -> np.ndarray:
         """(N, W) orthonormal basis of the columns of all added effects, orthogonal to the baseline."""
-        return np.zeros((len(self.y), 0)) if self.retained is None else self.retained.added.basis
+        if self.retained is None:
+            return np.zeros((len(self.y), 0))
+        return self.retained.added.basis
 
     def sample_sums(self, rows: np.ndarray, name: tuple) -> "SampleSums":
         """Sums over each sample's coordinates of rows (k, N) of the problem; `name` as of `SampleSums`."""
@@ -155,7 +160,8 @@ class Projected:
         """(E n, E N) of ones, that sums over the coordinates of each arm pose."""
         problem = self.problem
         number = problem.ends.numbers(problem.sample)
-        n, size = problem.ends.count * problem.n, len(number)
+        n = problem.ends.count * problem.n
+        size = len(number)
         return csr_array((np.ones(size), (number, np.arange(size))), shape=(n, size))
 
     def row_sums(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -188,7 +194,8 @@ class Projected:
         widths = np.array([group.score.shape[1] for group in groups])
         for width in np.unique(widths):
             rows = np.flatnonzero(widths == width)
-            scores = self.score_hypotheses(Moments.joined([groups[i] for i in rows]))
+            moments = Moments.joined([groups[i] for i in rows])
+            scores = self.score_hypotheses(moments)
             ends = np.cumsum([len(groups[i].score) for i in rows])
             for i, end in zip(rows, ends):
                 found[i] = scores.part(slice(end - len(groups[i].score), end))
@@ -238,7 +245,9 @@ def _spent_on_means(problem: Problem, means: csr_array) -> float:
 def _residual(problem: Problem) -> np.ndarray:
     """(N,) the residual, orthogonal to the baseline and to the retained effects."""
     retained = problem.retained
-    return problem.orthogonalise(problem.residual) if retained is None else retained.y
+    if retained is None:
+        return problem.orthogonalise(problem.residual)
+    return retained.y
 
 
 def cached(cache: dict, key, make):
@@ -260,7 +269,9 @@ def _product(blocks: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
     """(C, P, P) inner products less those of projections (C, P, R)."""
-    return gram - projections @ projections.swapaxes(1, 2) if projections.shape[2] else gram
+    if projections.shape[2]:
+        return gram - projections @ projections.swapaxes(1, 2)
+    return gram
 
 
 @dataclass(frozen=True)
@@ -360,7 +371,10 @@ class SampleSums:
         """
         order = np.argsort(x, kind="stable")[::-1]
         after = len(x) - np.searchsorted(x[order][::-1], options, side="right")
-        mean = after / len(x) if centred else np.zeros(len(options))
+        if centred:
+            mean = after / len(x)
+        else:
+            mean = np.zeros(len(options))
 
         def summed(values, of_all, of_after=None):
             sums = np.zeros((len(x) + 1, values.shape[1]))
@@ -420,7 +434,8 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     values = np.where(seen, values, 0.0)
     projected = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
     gain = np.divide(projected**2, values, out=np.zeros_like(values), where=seen).sum(1)
-    gain, rank = np.minimum(gain, (1 - 1e-12) * yy), seen.sum(1)
+    gain = np.minimum(gain, (1 - 1e-12) * yy)
+    rank = seen.sum(1)
     spread = SIZES[:, None, None] ** 2
     share = (projected**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
     volume = np.log1p(spread * values).sum(-1)

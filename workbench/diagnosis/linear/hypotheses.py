@@ -60,13 +60,17 @@ class Hypothesis:
     @property
     def key(self) -> tuple[str, str]:
         """Effect and place, by which an answer is scored."""
-        return (self.effect, self.where) if not self.smooth_covariates else ("unknown", self.where)
+        if not self.smooth_covariates:
+            return (self.effect, self.where)
+        return ("unknown", self.where)
 
     @property
     def reads(self) -> set[str]:
         """Covariates of which a law of one joint is a function; none of other laws."""
         is_of_joint = self.effects and self.where.startswith("joint-")
-        return set(self.effects[0].reads) if is_of_joint else set()
+        if is_of_joint:
+            return set(self.effects[0].reads)
+        return set()
 
     @property
     def needs_compliance(self) -> bool:

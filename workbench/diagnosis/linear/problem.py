@@ -230,14 +230,17 @@ class Problem:
         """(N,) or (N, P) component orthogonal to the baseline and to the retained effects: x - Q Q' x."""
         projection = self.basis @ (self.basis.T @ columns)
         if self.retained is not None and self.retained.mixing.shape[1]:
-            added, mixing = self.retained.added.columns, self.retained.mixing
+            added = self.retained.added.columns
+            mixing = self.retained.mixing
             projection += added @ (mixing @ (mixing.T @ (added.T @ columns)))
         return np.subtract(columns, projection, out=projection)
 
     @property
     def full_basis(self) -> np.ndarray:
         """(N, R) orthonormal basis of the column space of baseline and retained effects."""
-        return self.basis if self.retained is None else np.hstack([self.basis, self.retained.basis])
+        if self.retained is None:
+            return self.basis
+        return np.hstack([self.basis, self.retained.basis])
 
     @property
     def rank(self) -> int:

@@ -47,7 +47,8 @@ class AddedEffects:
         start = np.concatenate([[0], np.cumsum([part.shape[1] for part in problem.added])])
         precisions = problem.precisions or tuple(np.zeros(part.shape[1]) for part in problem.added)
         precision = np.concatenate(precisions) / np.maximum((raw_length * length) ** 2, 1e-200)
-        gram, score = orthogonal.T @ orthogonal, orthogonal.T @ y
+        gram = orthogonal.T @ orthogonal
+        score = orthogonal.T @ y
         return cls(orthogonal, start, gram, y, score, precision, orthonormal(gram))
 
     def reordered(self, order: Sequence[int]) -> "AddedEffects":
@@ -69,8 +70,10 @@ class AddedEffects:
 
         allowed: those of the remaining effects that may come next.
         """
-        gram, score = self.gram.copy(), self.score.copy()
-        remaining, ordered = list(range(len(self.start) - 1)), []
+        gram = self.gram.copy()
+        score = self.score.copy()
+        remaining = list(range(len(self.start) - 1))
+        ordered = []
         while remaining:
             gains = {}
             for i in allowed(remaining):

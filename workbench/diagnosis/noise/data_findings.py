@@ -26,7 +26,8 @@ def find_data_faults(
     # by Markov's inequality chance makes such a factor less than once in twenty times
     if factor < -np.log(1 - CONFIDENCE) or not found.any():
         return np.zeros(problem.n, bool), spread
-    p, label = max(float(np.exp(-factor)), 1e-300), f"{found.sum()} of {problem.n}"
+    p = max(float(np.exp(-factor)), 1e-300)
+    label = f"{found.sum()} of {problem.n}"
     probability = RARE_PRIOR / (RARE_PRIOR + (1 - RARE_PRIOR) * p)
     return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
 
@@ -84,10 +85,12 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
     white = _unweighted(problem)
     order = np.argsort(problem.sample, kind="stable")
     count = np.bincount(problem.sample, minlength=problem.n)
-    probability, factors = np.zeros(problem.n), []
+    probability = np.zeros(problem.n)
+    factors = []
     for m in np.unique(count[count > 0]):  # a corner has two coordinates, a stripe one
         rows = order[count[problem.sample[order]] == m].reshape(-1, m)
-        samples, white_rows = problem.sample[rows[:, 0]], white[rows].T
+        samples = problem.sample[rows[:, 0]]
+        white_rows = white[rows].T
         if name:
             white_rows = white_rows / spread_along(
                 white_rows, problem.sample_covariates[name][samples]
@@ -101,7 +104,8 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     """Noise that is not the same everywhere, where that is beyond chance; samples of several kinds are not compared."""
     if len(problem.residual) % problem.n:
         return ()
-    found = spread_with(_unweighted(problem).reshape(-1, problem.n), problem.sample_covariates)
+    white = _unweighted(problem).reshape(-1, problem.n)
+    found = spread_with(white, problem.sample_covariates)
     if found is None or found[1] > DATA_FAULT_LEVEL:
         return ()
     name, p = found

@@ -57,10 +57,10 @@ def lengths(white: np.ndarray) -> np.ndarray:
 
 def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) spread of residuals (m, n) with a like covariate x (n,), 1 on average: from medians of eighths, or fewer."""
-    inner, bin_count = np.unique(x), int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
-    inner = (
-        inner if len(inner) <= bin_count else np.quantile(x, np.arange(1, bin_count) / bin_count)
-    )
+    inner = np.unique(x)
+    bin_count = int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
+    if not (len(inner) <= bin_count):
+        inner = np.quantile(x, np.arange(1, bin_count) / bin_count)
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
     middle = median(square, part, np.arange(part.max() + 1))
@@ -115,7 +115,8 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
         return -np.inf, np.zeros(white.shape[1])
     chosen, counts = _thinned(x)
     shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
-    outlier_density, noises = _log_outlier_density(x), list(_noises(len(x)))
+    outlier_density = _log_outlier_density(x)
+    noises = list(_noises(len(x)))
     without_outliers, with_outliers = [], []
     for prior, density, _ in noises:
         core_density = density(x[:, chosen])
@@ -157,8 +158,10 @@ def tails(white: np.ndarray) -> tuple[float, float, float]:
     logs = np.array([prior + counts @ density(x[:, chosen]) for prior, density, _ in noises])
     degrees = np.array([nu for *_, nu in noises])
     is_student = np.isfinite(degrees)
-    student, gauss = logsumexp(logs[is_student]), logsumexp(logs[~is_student])
-    weights, degrees = np.exp(logs[is_student] - student), degrees[is_student]
+    student = logsumexp(logs[is_student])
+    gauss = logsumexp(logs[~is_student])
+    weights = np.exp(logs[is_student] - student)
+    degrees = degrees[is_student]
     mean = float(weights @ degrees)
     return float(student - gauss), mean, float(np.sqrt(weights @ (degrees - mean) ** 2))
 
@@ -166,7 +169,9 @@ def tails(white: np.ndarray) -> tuple[float, float, float]:
 def _on_scale_of_median(white: np.ndarray) -> np.ndarray | None:
     """Residuals (m, n) in sigmas of the median sample; None where most fit exactly, or something is no number."""
     middle = float(np.median((white**2).sum(0)))
-    return white / np.sqrt(middle / chi2.ppf(0.5, len(white))) if 0 < middle < np.inf else None
+    if 0 < middle < np.inf:
+        return white / np.sqrt(middle / chi2.ppf(0.5, len(white)))
+    return None
 
 
 def _log_mixture_density(core_density, outlier_density, share):
@@ -177,7 +182,8 @@ def _log_mixture_density(core_density, outlier_density, share):
 def _log_outlier_density(x: np.ndarray) -> np.ndarray:
     """(n,) log density of an outlier: off in any direction, or, as likely, in one coordinate alone."""
     m = len(x)
-    anywhere = _log_uniform_density(np.sqrt((x**2).sum(0)), m) - _sphere(m)
+    length = np.sqrt((x**2).sum(0))
+    anywhere = _log_uniform_density(length, m) - _sphere(m)
     others = _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi))
     one_coordinate = (
         logsumexp(_log_uniform_density(np.abs(x), 1) + others, axis=0) - _sphere(1) - np.log(m)
@@ -202,7 +208,8 @@ def _noises(m: int):
 
     A Gaussian, which has infinitely many, is as likely as all Student's.
     """
-    share, half = np.log(0.5 / len(_SCALES)), np.log(2 * len(_DEGREES))
+    share = np.log(0.5 / len(_SCALES))
+    half = np.log(2 * len(_DEGREES))
     for scale in _SCALES:
         yield share, _scaled(_gauss, scale), np.inf
         for nu in _DEGREES:

@@ -254,7 +254,8 @@ def _of_noise(z) -> float:
 
 
 def _score(tensor, z, pose):
-    total, unit = (tensor**2).sum(), _unit(z)
+    total = (tensor**2).sum()
+    unit = _unit(z)
     tensor = tensor - tensor.mean(-1, keepdims=True)
     # the same for all samples, as of a frame that the instrument moves with
     if (tensor**2).sum() <= NEGLIGIBLE_SHARE * total:
@@ -308,7 +309,9 @@ def _rounds(site, z, spread, covariates) -> float:
     reading, same = np.unique(reading, return_inverse=True)  # samples of one pose move together
     weight = np.bincount(same, weight)
     power, tried = _waves(reading, weight, count)
-    return float(min(1.0, tried * np.exp(-power / (weight**2).sum()))) if tried else 1.0
+    if tried:
+        return float(min(1.0, tried * np.exp(-power / (weight**2).sum())))
+    return 1.0
 
 
 def _waves(reading, weight, count) -> tuple[float, int]:
@@ -360,7 +363,10 @@ def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Find
     given = (p, 1.0 - p, size, movement(random_effect))
     if random_effect.rounds < RANDOM_EFFECT_LEVEL:
         return Finding(QUANTISATION, site.where, "", (), *given)
-    label = LAST_MOVE_LABEL if site.where == "time" and len(site.rows) == 1 else LABEL
+    if site.where == "time" and len(site.rows) == 1:
+        label = LAST_MOVE_LABEL
+    else:
+        label = LABEL
     others = unrecorded_causes(random_effect, problem)
     return Finding("unknown", site.where, label, (), *given, alternatives=others)
 

@@ -63,8 +63,15 @@ def _lattices(problem: Problem) -> list[tuple[Site, float, str]]:
         if site.port != "joint" or not site.where.startswith("joint-"):
             continue
         angle = problem.covariates.get(f"q{site.where.rpartition('-')[2]}")
-        unit, factor = ("mm", 1.0) if site.unit == "mm" else ("deg", np.pi / 180)
-        step = None if angle is None else lattice_step(np.round(angle / factor, ANGLE_DECIMALS))
+        if site.unit == "mm":
+            unit, factor = "mm", 1.0
+        else:
+            unit = "deg"
+            factor = np.pi / 180
+        if angle is None:
+            step = None
+        else:
+            step = lattice_step(np.round(angle / factor, ANGLE_DECIMALS))
         if step is not None:
             found.append((site, step * factor, f"in steps of {step:.4g} {unit}"))
     return found

@@ -47,7 +47,8 @@ def serial_correlation(problem: Problem) -> SerialCorrelation | None:
     residual = problem.orthogonalise(problem.residual)
     if len(residual) % problem.n:
         return None
-    y, basis = _by_pose(problem, residual[:, None]), _by_pose(problem, problem.full_basis)
+    y = _by_pose(problem, residual[:, None])
+    basis = _by_pose(problem, problem.full_basis)
     likelihood = _Restricted.of(y[:_MOST_POSES], basis[:_MOST_POSES])
     if len(y) < LEAST_NUMBER or likelihood.degrees < LEAST_NUMBER:
         return None
