@@ -47,7 +47,10 @@ def scans_of(robot: Robot, recording: Recording) -> Recording:
     scan, ball, first, centre = surface.scan_centres(frames)
     in_order = np.argsort(first, kind="stable")
     place = np.argsort(in_order)
-    scan, ball, first, centre = place[scan], ball[in_order], first[in_order], centre[:, in_order]
+    scan = place[scan]
+    ball = ball[in_order]
+    first = first[in_order]
+    centre = centre[:, in_order]
     is_usable = np.isfinite(centre[0])
     radius = surface.balls[ball, 3]
     fitted, used = _fitted(surface.measured, scan, centre, radius, is_usable)
@@ -96,7 +99,9 @@ def _near_surface(gap, scan, used, of_usable) -> np.ndarray:
 
 
 def _spread(gap: np.ndarray) -> float:
-    return MEDIAN_TO_SIGMA * float(np.median(np.abs(gap))) if len(gap) else np.inf
+    if len(gap):
+        return MEDIAN_TO_SIGMA * float(np.median(np.abs(gap)))
+    return np.inf
 
 
 def _fit_profiles(points, scan, used, centre, radius) -> _Surface:
@@ -106,7 +111,8 @@ def _fit_profiles(points, scan, used, centre, radius) -> _Surface:
     label = np.searchsorted(present, scan).clip(0, len(present) - 1)
     flat = points[[0, 2]]
     names = [f"scan {k + 1}" for k in present]
-    middle, section = np.full((2, count), np.nan), np.full(count, np.nan)
+    middle = np.full((2, count), np.nan)
+    section = np.full(count, np.nan)
     middle[:, present], section[present] = fit_circles(flat, label, used, names)
     out = flat - middle[:, scan]
     far = np.hypot(*out)

@@ -272,7 +272,10 @@ class RobotBench(Bench):
     ) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; see `Bench`."""
         model, fit, weights = self.solve(effects, samples, is_complete=False)
-        used = np.ones(len(self.pose), bool) if samples is None else samples
+        if samples is None:
+            used = np.ones(len(self.pose), bool)
+        else:
+            used = samples
         part = self._part(samples)
         problem = solution(model, fit, weights, self.pose[used], tuple(effects))
         problem = with_places(problem, model, fit)
@@ -284,11 +287,10 @@ class RobotBench(Bench):
                 part.bases.clear()
         if samples is None and not effects:
             _check_redundancy(problem, self.recording)
-        rotation = (
-            np.repeat(np.arange(len(fit.residual)) >= 3, problem.n)
-            if len(fit.residual) > 3
-            else None
-        )
+        if len(fit.residual) > 3:
+            rotation = np.repeat(np.arange(len(fit.residual)) >= 3, problem.n)
+        else:
+            rotation = None
         return replace(problem, function_cache=part.function_cache, rotation=rotation)
 
     def _part(self, samples) -> _Part:
@@ -380,12 +382,14 @@ class RobotBench(Bench):
         model = part.model((*self.baseline, *effects))
         start = self.free(model)
         if part.last is not None:  # the noise, too, may be nearly that of the last solution
-            start, sigma = start.take_over(part.last[0]), part.last[1]
+            start = start.take_over(part.last[0])
+            sigma = part.last[1]
             model = replace(model, chain=replace(model.chain, sigma=sigma))
         # a sigma that is still too large shrinks the effects towards zero, and what they leave keeps it large
         for _ in range(NOISE_ROUNDS):
             fit = solve(model, start, "huber", _FEW_STEPS)
-            before, model = model.chain, replace(model, chain=noise_scaled(model.chain, fit))
+            before = model.chain
+            model = replace(model, chain=noise_scaled(model.chain, fit))
             start = widened(model, fit)
             if is_settled(before, model.chain) and start is fit.parameters:
                 break
@@ -420,7 +424,8 @@ class RobotBench(Bench):
             rows += _effect_rows(model, fit, effect, span, estimates, self.chain)
             if span.start in masses:
                 rows.append(masses[span.start])
-            values, covariance = estimates.values[span], estimates.covariance[span, span]
+            values = estimates.values[span]
+            covariance = estimates.covariance[span, span]
             rows += reflector_rows(effect, values, covariance, self.chain)
             deflected = deflection_row(effect, values, covariance, self.chain)
             if deflected:
@@ -461,7 +466,8 @@ def _effect_rows(
     model, fit, effect: Effect, span: slice, estimates: _Estimates, chain
 ) -> list[dict]:
     """A row for each parameter of an effect; the first one of a joint curve also has its spectrum."""
-    values, numbers = estimates.values, np.arange(span.start, span.stop)
+    values = estimates.values
+    numbers = np.arange(span.start, span.stop)
     alone = fit.parameters.only(np.isin(np.arange(len(values)), numbers))
     sigma = model.sigma(fit.parameters)
     rows = []

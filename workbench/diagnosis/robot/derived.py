@@ -229,7 +229,9 @@ def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: J
     chosen = np.concatenate([numbers for _, numbers in scaled_effects])
     angle = model.chain.state.drive_angles[curve.number - 1]
     scale = reading_scale(laws, values[chosen], covariance[np.ix_(chosen, chosen)], angle)
-    return {} if scale is None else {"reading_scale": (scale.factor, scale.std)}
+    if scale is None:
+        return {}
+    return {"reading_scale": (scale.factor, scale.std)}
 
 
 def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:

@@ -31,7 +31,8 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     rows = _Rows(model, evaluation, white)
     first = len(model.effects) - len(effects)
     bare = replace(model, effects=model.effects[:first])
-    spans, state = model.spans[first:], model.chain.state
+    spans = model.spans[first:]
+    state = model.chain.state
     added = _derivatives(model, fit, white, spans)
     basis = _baseline(bare, fit, white)
     values = tuple(
@@ -40,15 +41,17 @@ def solution(model: Model, fit: Fit, weights, pose, effects) -> Problem:
     )
     added, values = _beyond_carriers(model, fit, white, effects, added, values, basis)
     ends = Ends(model.chain.poses_per_sample, residual.shape[1])
+    covariates = {k: v for k, v in state.covariates.items() if k != "row"}
+    sample = np.tile(np.arange(residual.shape[1]), len(sigma))
     return Problem(
         residual=(residual * white).ravel(),
         basis=basis,
-        sample=np.tile(np.arange(residual.shape[1]), len(sigma)),
+        sample=sample,
         weights=weights,
         sigma=sigma.ravel().copy(),
         pose=pose,
         order=ends.mean(clock(state)),
-        covariates={k: v for k, v in state.covariates.items() if k != "row"},
+        covariates=covariates,
         sites=(),
         candidates=(),
         effects=effects,

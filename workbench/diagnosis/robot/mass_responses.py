@@ -105,7 +105,8 @@ def std_by_masses(model, fit, weights: np.ndarray, covariance: np.ndarray) -> np
         values = parameters.values[span]
         count = len(changes) * len(values) // sum(s.stop - s.start for _, s in laws)
         of_law = changes[first : first + count].reshape(len(values), -1, changes.shape[1])
-        total, first = total + np.einsum("pmk,p->mk", of_law, values), first + count
+        total = total + np.einsum("pmk,p->mk", of_law, values)
+        first = first + count
     free = parameters.mask
     typical = parameters.typical[free]
     columns = (model.linearise(parameters)[1] * white).reshape(len(typical), -1)

@@ -39,7 +39,8 @@ def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
 
 def _scan(grid: Grid, chain, rows, columns) -> Scan:
     """The grid with the derivatives of its component and its covariate."""
-    effect, covariate = grid.make(grid.values[0]), chain.state.covariates[grid.covariate]
+    effect = grid.make(grid.values[0])
+    covariate = chain.state.covariates[grid.covariate]
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
         rows_by_load = columns(grid.effect(grid.where), by_end=True)
         return scan_of(grid, rows_by_load.T.copy(), covariate)
@@ -100,7 +101,8 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
         with_side = [c for c in (f"q{k}", f"tau{k}") if c in (*angles, *of_joint)]
         pairs = (*combinations(angles, 2), *product(with_side, sides))
         unit = "mm" if chain.slides(k) else "rad"
-        row, typical = _flat(rows("joint", [k - 1])), np.array([_TYPICAL[unit]])
+        row = _flat(rows("joint", [k - 1]))
+        typical = np.array([_TYPICAL[unit]])
         names = (*angles, *of_joint, *general)
         found.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
     return found
