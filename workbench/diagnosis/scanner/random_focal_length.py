@@ -100,7 +100,8 @@ def find_random_focal_length(bench) -> RandomFocalLength | None:
     directions, size, _ = np.linalg.svd(
         problem.orthogonalise(linear.focal_lengths()), full_matrices=False
     )
-    directions, size = directions[:, size > ROUNDING * size[0]], size[size > ROUNDING * size[0]]
+    directions = directions[:, size > ROUNDING * size[0]]
+    size = size[size > ROUNDING * size[0]]
     score = directions.T @ residual
     explained = float(score @ score)
     remaining = float(residual @ residual) - explained

@@ -71,7 +71,10 @@ class SensorBench(Bench):
         self.jitter_px = 0.0
         self.focal = None
         self.kind = kind_of_sensor(chains)
-        middle = 0.0 if not self.kind.mirror else float(np.mean(chains.board_stripes.angles))
+        if not self.kind.mirror:
+            middle = 0.0
+        else:
+            middle = float(np.mean(chains.board_stripes.angles))
         parts = chains.parts
         covariates_of_parts = {
             name: described(measured_chains.noiseless(chain), name, middle)
@@ -115,9 +118,9 @@ class SensorBench(Bench):
         """(n,) px, 1 sigma of what each sample shares with all others of its image."""
         shared = np.full(self.n, self.jitter_px)
         shared[: self.chains.counts[0]] = 0.0
-        return (
-            shared if self.focal is None else np.hypot(shared, self.focal.displacement(self.chains))
-        )
+        if self.focal is None:
+            return shared
+        return np.hypot(shared, self.focal.displacement(self.chains))
 
     def problem(
         self,
@@ -143,7 +146,8 @@ class SensorBench(Bench):
                 still_shared = with_remaining_shared_errors(chains, tuple(effects), fit)
                 if still_shared is None:
                     break
-                chains, fit = still_shared, self._fit(still_shared, tuple(effects), fit)
+                chains = still_shared
+                fit = self._fit(still_shared, tuple(effects), fit)
             solved[named] = chains, fit
         return solved[named]
 
@@ -347,7 +351,10 @@ def _select_samples(chains: Chains, samples: np.ndarray) -> Chains:
     selected = {}
     for (name, chain), a, b in zip(chains.parts.items(), edges, edges[1:]):
         used = samples[a:b]
-        selected[name] = chain.at(used) if used.any() or name == "corners" else None
+        if used.any() or name == "corners":
+            selected[name] = chain.at(used)
+        else:
+            selected[name] = None
     return replace(chains, **selected)
 
 
@@ -372,9 +379,9 @@ def shared(part_models: Sequence[Model], gain_free: bool) -> Parameters:
         table = table.take_over(model.parameters)
     table = table.free("*")
     fixed = [n for n in NAMES if n not in FREE_MIRROR and not (gain_free and n == "gain")]
-    return (
-        table.fix(*(f"mirror.{name}" for name in fixed)) if "mirror.gain" in table.index else table
-    )
+    if "mirror.gain" in table.index:
+        return table.fix(*(f"mirror.{name}" for name in fixed))
+    return table
 
 
 def _wide(parameter: Parameter) -> Parameter:

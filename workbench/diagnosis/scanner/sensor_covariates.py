@@ -23,7 +23,10 @@ def kind_of_sensor(chains: Chains) -> Kind:
     mirror = chains.board_stripes is not None and chains.board_stripes.mirror is not None
     light = tuple(chains.board_stripes.mirror.point.tolist()) if mirror else None
     axis = tuple(chains.board_stripes.mirror.axis.tolist()) if mirror else None
-    balls = () if chains.balls is None else tuple(sorted(set(chains.balls.number.tolist())))
+    if chains.balls is None:
+        balls = ()
+    else:
+        balls = tuple(sorted(set(chains.balls.number.tolist())))
     has_stripes = chains.board_stripes is not None
     times = _laser_column(chains, "time_s") if has_stripes else _times(chains.corners)
     lines = tuple(tuple(np.unique(np.round(row, 6)).tolist()) for row in chains.corners.points[:2])

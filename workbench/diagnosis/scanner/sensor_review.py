@@ -38,13 +38,12 @@ def _with_alternatives(bench, bare: Problem, finding: Finding) -> Finding:
         None,
     )
     named = [h for h in table if not h.smooth_covariates]
-    alternatives = (
-        []
-        if tested is None
-        else (_laws if tested.smooth_covariates else _confounded_effects)(
+    if tested is None:
+        alternatives = []
+    else:
+        alternatives = (_laws if tested.smooth_covariates else _confounded_effects)(
             bench, bare, named, tested
         )
-    )
     if not alternatives:
         return finding
     weights = np.array(

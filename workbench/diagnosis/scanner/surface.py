@@ -238,7 +238,8 @@ def _covariates(tested: list[Candidate], terms: list[Candidate]) -> dict[str, np
 
 def _remaining_errors(data: SurfaceData, columns: np.ndarray) -> tuple[SharedErrors | None, float]:
     """Errors that points of a pose share next to a fit of columns (n, k), and the noise (mm) of points and poses."""
-    white, target = data.whitened(columns), data.whitened(data.residual[:, None])[:, 0]
+    white = data.whitened(columns)
+    target = data.whitened(data.residual[:, None])[:, 0]
     solution = np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
     remaining = data.residual - columns @ solution
     without_shifts = without_pose_shifts(remaining, data.normal, data.pose)

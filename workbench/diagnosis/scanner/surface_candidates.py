@@ -98,10 +98,14 @@ class _State:
         normals = np.stack([data.displacement_derivative(axis) for axis in range(3)])
         axes = data.flange[data.pose, :3, :3].transpose(2, 1, 0)
         time = recording.covariates.get("time_s")
-        clock = data.pose.astype(float) if time is None else time[data.row]
+        if time is None:
+            clock = data.pose.astype(float)
+        else:
+            clock = time[data.row]
         size = max(float(np.abs(local[:2]).max()), 1e-9)
         frames = SimpleNamespace(link=[axes])
-        ball, gravity = np.ones(len(data.pose), int), np.array([0.0, 0.0, -1.0])
+        ball = np.ones(len(data.pose), int)
+        gravity = np.array([0.0, 0.0, -1.0])
         return cls(local, rays, normals, local[:2] / size, ball, frames, gravity, {"time_s": clock})
 
     @property
@@ -141,7 +145,10 @@ def _of_sensor(data: SurfaceData, state: _State, is_profile: bool) -> Iterator[C
     scale = surface.RangeScale("sensor", z0=float(np.median(data.local[2])))
     yield _candidate(scale, "scale of z", state, state.normals, ("z",))
     bias = surface.FieldBias("sensor")
-    fields = {"x": [0, 2]} if is_profile else {"x": [0, 2], "y": [1, 4], "x and y": slice(None)}
+    if is_profile:
+        fields = {"x": [0, 2]}
+    else:
+        fields = {"x": [0, 2], "y": [1, 4], "x and y": slice(None)}
     for name, chosen in fields.items():
         label = f"z errs by a quadratic polynomial of {name}"
         depends_on = tuple(name.split(" and "))
@@ -247,5 +254,6 @@ def _named_degree(covariate: str, axis: str) -> int:
 
 def _unit(values: np.ndarray) -> np.ndarray:
     """(n,) values scaled to -1 ... 1."""
-    low, high = float(values.min()), float(values.max())
+    low = float(values.min())
+    high = float(values.max())
     return 2 * (values - low) / max(high - low, 1e-12) - 1

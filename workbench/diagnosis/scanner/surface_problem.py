@@ -85,11 +85,13 @@ def linearised(recording: Recording, found: HandEye) -> SurfaceData:
     flange = flange_poses(recording)[first]
     rows = np.arange(0, recording.n, 1 + recording.n // _MOST_POINTS)
     error = max(found.robot_sigma.get("position_mm", 0.0), _LEAST_ERROR)
-    mount, centre = found.sensor.copy(), found.centre.copy()
+    mount = found.sensor.copy()
+    centre = found.centre.copy()
     for _ in range(_STEPS):
         solution = (mount, centre, found.radius)
         data = _linearise(recording.points.T[:, rows], pose[rows], rows, flange, solution, error)
-        white, target = data.whitened(data.baseline), data.whitened(data.residual[:, None])[:, 0]
+        white = data.whitened(data.baseline)
+        target = data.whitened(data.residual[:, None])[:, 0]
         step = -np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
         mount[:3, :3] = rotation_matrix(step[3:6]) @ mount[:3, :3]
         mount[:3, 3] += step[:3]
@@ -204,4 +206,6 @@ def pairs_at(data: SurfaceData, share: float) -> np.ndarray:
         distance, nearest = cKDTree(points).query(partner)
         is_near = distance < share * extent[axis] / 2
         pairs.append(np.stack([of_pose, of_pose[nearest]], axis=1)[is_near])
-    return np.concatenate(pairs) if pairs else np.empty((0, 2), int)
+    if pairs:
+        return np.concatenate(pairs)
+    return np.empty((0, 2), int)

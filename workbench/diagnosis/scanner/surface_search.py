@@ -118,7 +118,8 @@ class Search:
         """Of a set of terms by Schwarz' criterion, with the dispersion of what it leaves."""
         basis = _orthonormal(self._columns(terms))
         remaining = float(self.target @ self.target - ((basis.T @ self.target) ** 2).sum())
-        points, rank = len(self.target), basis.shape[1]
+        points = len(self.target)
+        rank = basis.shape[1]
         prior = sum(np.log(RARE_PRIOR) for term in terms if not term.is_named)
         return -(points * np.log(max(remaining, 1e-300)) + rank * np.log(points)) / 2 + prior
 
@@ -196,7 +197,8 @@ class Search:
         trial = next(trial for trial, _ in ranked if trial.candidate is candidate)
         small = np.concatenate([data.baseline, *(other.columns for other in others)], axis=1)
         large = np.concatenate([small, candidate.columns], axis=1)
-        before, after = data.held_out(small), data.held_out(large)
+        before = data.held_out(small)
+        after = data.held_out(large)
         everything = np.ones(len(self.target), bool)
         t = clark_west_t(data.pose, before[None], after[None], everything)
         values, std = self._estimates(candidate, others, trial.dispersion)
@@ -220,7 +222,8 @@ class Search:
         Of several parameters the least visible one. A signature of d standard deviations is found with this
         probability where d is the quantile of the level plus that of the power (Teunissen, J. Geod. 92 (2018) 59).
         """
-        level, power = UNMODELLED_LEVEL / self.tests / 2, CONFIDENCE
+        level = UNMODELLED_LEVEL / self.tests / 2
+        power = CONFIDENCE
         deviations = float(norm.isf(level) + norm.isf(1 - power))
         for candidate in self.candidates:
             if candidate.is_named and not any(candidate is term for term in terms):
