@@ -24,7 +24,10 @@ _SLOW = 6.0
 def compatible(h: Hypothesis, other: Hypothesis) -> bool:
     """Whether two terms may act side by side."""
     if bool(h.smooth_covariates) != bool(other.smooth_covariates):
-        function, law = (h, other) if h.smooth_covariates else (other, h)
+        if h.smooth_covariates:
+            function, law = h, other
+        else:
+            function, law = other, h
         return not _represents_law(function, law)
     if h.smooth_covariates:
         return h.key != other.key or h.smooth_covariates != other.smooth_covariates

@@ -106,7 +106,9 @@ def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | N
     loads = [h for h in search.accepted if h.needs_compliance and compatible(h, judged_loads[0])]
     trial.accepted = (*trial.accepted, *loads, judged_loads[0])
     trial.solve_feasible()
-    return trial if any(name_of(h) == name for h in trial.accepted) else None
+    if any(name_of(h) == name for h in trial.accepted):
+        return trial
+    return None
 
 
 def _gain(search: Search, trial: Search) -> float:
@@ -230,7 +232,8 @@ class _LoadedLaws:
 
     def _climb(self, members: Members) -> tuple[float, Members]:
         """The log posterior and members of the set that laws and load in turn lead to from a given one."""
-        load, best = np.zeros(len(self.changes)), (-np.inf, members)
+        load = np.zeros(len(self.changes))
+        best = (-np.inf, members)
         for _ in range(MAX_ROUNDS):
             load = self._load(members, load)
             objective = self._objective(load)
@@ -244,8 +247,10 @@ class _LoadedLaws:
     def _load(self, members: Members, load: np.ndarray) -> np.ndarray:
         """(C,) the load that a set of laws has under its most probable coefficients, from a given one."""
         index = self._index(members)
-        columns, changes = self.columns[:, index], self.changes[:, :, index]
-        y, prior = self.y, np.sqrt(self.variance) / UNDETERMINED_STD
+        columns = self.columns[:, index]
+        changes = self.changes[:, :, index]
+        y = self.y
+        prior = np.sqrt(self.variance) / UNDETERMINED_STD
         count = len(load)
         for _ in range(MAX_ROUNDS):
             present = columns + np.tensordot(load, changes, 1)

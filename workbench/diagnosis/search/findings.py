@@ -50,9 +50,11 @@ def finding(
 
     names: posterior of the elastic terms over sets of them, see `search.posterior`; it decides between these.
     """
-    table, accepted = search.alternatives(i), search.accepted[i]
+    table = search.alternatives(i)
+    accepted = search.accepted[i]
     tested = search.conditional_hypothesis(i, table)
-    explained, chance = search.explained(), CLOSE_GAIN * search.variance()
+    explained = search.explained()
+    chance = CLOSE_GAIN * search.variance()
     explanations = []
     for h in table:
         counts = (
@@ -100,7 +102,8 @@ def _with_sets_of_both(
     A term that is missing next to the finding may explain more than it. Only one that makes the same signature is an
     alternative to it: next to any other, the finding explains as much as without it.
     """
-    key, others = search.accepted[i].key, {}
+    key = search.accepted[i].key
+    others = {}
     for h in sorted(explanations, key=lambda h: -h.log_weight):
         if h.key != key and shares[h.key] >= LISTED_PROBABILITY:
             others.setdefault(h.key, h)
@@ -161,7 +164,9 @@ def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[A
     gravity = problem.orthogonalise(gravity_laws[0].columns(problem))
     likeness = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
     why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
-    return (Alternative(*key, "", 0.0, likeness, why),) if likeness >= CONFOUNDED_SHARE else ()
+    if likeness >= CONFOUNDED_SHARE:
+        return (Alternative(*key, "", 0.0, likeness, why),)
+    return ()
 
 
 def _simpler_compliances(
@@ -172,7 +177,8 @@ def _simpler_compliances(
     A bearing of joint 1 tilts as a pedestal whose two compliances are equal. Only the sizes that are usual at either
     place then speak for the one with more. Where first moments are estimated, too, the laws share these.
     """
-    accepted, chance = search.accepted[i], CLOSE_GAIN * search.variance()
+    accepted = search.accepted[i]
+    chance = CLOSE_GAIN * search.variance()
     if accepted.effect not in ELASTIC or accepted.label.startswith(LABEL):
         return ()
     found: dict[tuple[str, str], Alternative] = {}
@@ -197,7 +203,8 @@ def _own_torque(search: Search, i: int) -> tuple[Alternative, ...]:
     torque = JointTorque(curve.where, curve.start, curve.end)
     problem = search.problem.conditional_on(search.other_indices(i))
     basis = problem.orthogonal_basis(problem.columns_of(torque))
-    curved = problem.orthogonalise(search.problem.added[i] @ search.problem.values[i])
+    columns = search.problem.added[i] @ search.problem.values[i]
+    curved = problem.orthogonalise(columns)
     alike = float(((basis.T @ curved) ** 2).sum() / max(curved @ curved, 1e-300))
     label = "of a spring or a hose"
     own = Alternative(torque.effect, torque.where, label, 0.0, alike, CONFOUNDED)
@@ -264,15 +271,17 @@ def _merged(general: Finding, special_cases: Sequence[Finding]) -> Finding:
     others = [a for a in general.alternatives if (a.effect, a.where) not in names]
     probability = max(finding.probability for finding in merged)
     scale = min(1.0, (1 - probability) / max(sum(a.probability for a in others), 1e-300))
+    size = float(np.sqrt(sum(finding.size**2 for finding in merged)))
+    alternatives = tuple(replace(a, probability=a.probability * scale) for a in others)
     return replace(
         general,
         label=", ".join(finding.label for finding in merged if finding.label),
         effects=tuple(effect for finding in merged for effect in finding.effects),
         p_value=min(finding.p_value for finding in merged),
         probability=probability,
-        size=float(np.sqrt(sum(finding.size**2 for finding in merged))),
+        size=size,
         gain=sum(finding.gain for finding in merged),
-        alternatives=tuple(replace(a, probability=a.probability * scale) for a in others),
+        alternatives=alternatives,
     )
 
 

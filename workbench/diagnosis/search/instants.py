@@ -29,7 +29,9 @@ def instant_of(search, i: int, tested: Hypothesis) -> Instant | None:
     std = float(np.sqrt(spread + _gap(present, value) ** 2 / 12))
     is_timed = "time_s" in search.bench.chain.state.covariates
     # samples are counted from 1, rows from 0
-    return Instant(value, std, "s") if is_timed else Instant(value + 1, std, "sample")
+    if is_timed:
+        return Instant(value, std, "s")
+    return Instant(value + 1, std, "sample")
 
 
 def refine_instants(search) -> None:
@@ -52,7 +54,8 @@ def refine_instants(search) -> None:
 
 def _refined(search, i: int) -> Hypothesis:
     """An accepted hypothesis, with another instant where that has a clearly smaller loss."""
-    accepted, problem = search.accepted[i], search.problem
+    accepted = search.accepted[i]
+    problem = search.problem
     if not _is_step(accepted) or len(problem.residual) % problem.n:
         return accepted
     scan, value = accepted.source, accepted.value
@@ -67,7 +70,8 @@ def _refined(search, i: int) -> Hypothesis:
     if min(losses) > _loss(conditional, present, value) - LEAST_LOG_ODDS:
         return accepted
     best = float(plausible[int(np.argmin(losses))])
-    label, effects = present.word.format(best), present.make(best)
+    label = present.word.format(best)
+    effects = present.make(best)
     return replace(accepted, label=label, effects=effects, source=present, value=best)
 
 

@@ -56,7 +56,8 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
         search.record_terms(chosen)
         search.solve_feasible()
         order_by_gain(search)
-        refine_options(search, is_first=len(tried) == 1 and not thorough, rounds=1)
+        is_first = len(tried) == 1 and not thorough
+        refine_options(search, is_first=is_first, rounds=1)
         refine_instants(search)
         if is_last:
             break
@@ -72,7 +73,9 @@ def dominant_law(objective: LogPosterior, members: Members, count: int) -> Membe
     laws = [(i,) for i in members if not objective.is_smooth[i]]
     best = max(laws, key=objective.gain, default=members)
     is_large = total_gain > SIGNIFICANT_SIGMAS**2 * count
-    return best if is_large and objective.gain(best) > LAW * total_gain else members
+    if is_large and objective.gain(best) > LAW * total_gain:
+        return best
+    return members
 
 
 def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
@@ -84,7 +87,8 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     numbers = {name_of(h): i for i, h in enumerate(search.accepted)}
     loads = {}
     for place, h in enumerate(terms):
-        number, is_load = numbers.get(name_of(h)), any(e.port in STATE_PORTS for e in h.effects)
+        number = numbers.get(name_of(h))
+        is_load = any(e.port in STATE_PORTS for e in h.effects)
         if number is not None and is_load and not isinstance(h.source, Candidate):
             loads[place] = search.problem.added[number] * h.source.typical
     return Accepted(len(terms), loads)
@@ -153,7 +157,8 @@ def _at_current_solution(search: Search, terms: Iterable[Hypothesis]) -> list[Hy
 
 def _most_probable(table: list[Hypothesis], law_count: int, smooth_count: int) -> list[Hypothesis]:
     """The first so many laws and functions of a table."""
-    laws = _limit_variants([h for h in table if not h.smooth_covariates], law_count)
+    terms = [h for h in table if not h.smooth_covariates]
+    laws = _limit_variants(terms, law_count)
     return [*laws, *[h for h in table if h.smooth_covariates][:smooth_count]]
 
 
@@ -177,11 +182,10 @@ def _limit_variants(terms: list[Hypothesis], count: int) -> list[Hypothesis]:
 
 def _with_effect(bench, h: Hypothesis) -> Hypothesis:
     """A smooth nonparametric alternative gets an effect, too: itself, fitted."""
-    return (
-        replace(h, effects=(bench.smooth(h.source, h.value),))
-        if h.smooth_covariates and not h.effects
-        else h
-    )
+    if h.smooth_covariates and not h.effects:
+        effects = (bench.smooth(h.source, h.value),)
+        return replace(h, effects=effects)
+    return h
 
 
 def order_by_gain(search: Search) -> None:

@@ -69,9 +69,11 @@ class ConditionalSolution:
         """columns (h,): those of the set that `given` does not hold."""
         self.table, self.given, self._columns = table, given, columns
         if given is None:
-            inner, score = table.gram[np.ix_(columns, columns)][None], table.score[columns][None]
+            inner = table.gram[np.ix_(columns, columns)][None]
+            score = table.score[columns][None]
         else:
-            inner, score = given.remaining(columns, columns), given.scores[:, columns]
+            inner = given.remaining(columns, columns)
+            score = given.scores[:, columns]
         values, self._vectors = symmetric_eigen(inner)  # (1 or S, h), (1 or S, h, h)
         # (S, h): of A^-1, along the vectors
         self._inverse_eigenvalues = 1 / (np.maximum(values, 0.0) + table.shrink[:, None])
@@ -107,17 +109,17 @@ class ConditionalSolution:
         """(S,) log determinant of the set."""
         block_determinant = -np.log(self._inverse_eigenvalues).sum(1)
         block_determinant -= len(self._columns) * np.log(self.table.shrink)
-        return (
-            block_determinant
-            if self.given is None
-            else self.given.log_determinant + block_determinant
-        )
+        if self.given is None:
+            return block_determinant
+        return self.given.log_determinant + block_determinant
 
     @cached_property
     def gain(self) -> np.ndarray:
         """(S,) gain of the set."""
         block_gain = (self._solution * self._score).sum(1)
-        return block_gain if self.given is None else self.given.gain + block_gain
+        if self.given is None:
+            return block_gain
+        return self.given.gain + block_gain
 
     def coefficients(self, size: int, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (k,) of some columns (k,) and their standard errors (k,) in sigmas, for one of the sizes.
@@ -341,7 +343,9 @@ class LogPosterior:
         is_load, is_carrier = self._loads_and_carriers
         if not self.is_rigid or is_carrier[list(base)].any():
             return np.ones(len(self.terms), bool)
-        return is_carrier if is_load[list(base)].any() else ~is_load
+        if is_load[list(base)].any():
+            return is_carrier
+        return ~is_load
 
     @cached_property
     def _loads_and_carriers(self) -> np.ndarray:
@@ -373,7 +377,9 @@ class LogPosterior:
             self.large[large] = ConditionalSolution(self.table, self.index(tuple(sorted(large))))
         small = tuple(i for i in members if i not in large)
         solved = self.large[large]
-        return ConditionalSolution(self.table, self.index(small), solved) if small else solved
+        if small:
+            return ConditionalSolution(self.table, self.index(small), solved)
+        return solved
 
     def _evidence_with(self, solved: ConditionalSolution, columns: np.ndarray) -> np.ndarray:
         """(C,) log evidence of a set with each of C terms with columns (C, w).
@@ -381,7 +387,8 @@ class LogPosterior:
         One Cholesky factor of each, the score as its last row, gives both determinant and gain.
         """
         blocks = solved.blocks(columns)
-        shrink, width = self.table.shrink, columns.shape[1]
+        shrink = self.table.shrink
+        width = columns.shape[1]
         bordered = np.zeros((*blocks.shape[:2], width + 1, width + 1))
         bordered[..., :-1, :-1] = blocks
         bordered[..., range(width), range(width)] += shrink[:, None, None]
@@ -395,7 +402,8 @@ class LogPosterior:
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
             projected = np.einsum("scij,sci->scj", vectors, solved.scores[:, columns])
-            added_gain, log_determinant = (projected**2 / values).sum(-1), np.log(values).sum(-1)
+            added_gain = (projected**2 / values).sum(-1)
+            log_determinant = np.log(values).sum(-1)
         volume = log_determinant - width * np.log(shrink)[:, None]
         return log_evidence(
             solved.log_determinant[:, None] + volume, solved.gain[:, None] + added_gain, self

@@ -55,7 +55,9 @@ class RealFamily:
                 c for c in variants if (c.effect, c.where) == hypothesis.key and not c.is_exact
             ]
             values = [getattr(c.effects[0], name) for c in same_law]
-        return cls(problem, hypothesis, name, np.unique(values)) if len(values) > 1 else None
+        if len(values) > 1:
+            return cls(problem, hypothesis, name, np.unique(values))
+        return None
 
     @property
     def value(self) -> float:
@@ -75,7 +77,8 @@ class RealFamily:
         else:
             first, last = np.diff(grid)[[0, -1]]
             outer_bounds = max(value - first, value / 2), value + last
-        lower, upper = grid[grid < value], grid[grid > value]
+        lower = grid[grid < value]
+        upper = grid[grid > value]
         low = lower.max() if len(lower) else outer_bounds[0]
         return float(low), float(upper.min() if len(upper) else outer_bounds[1])
 
@@ -88,12 +91,14 @@ class RealFamily:
 
     def at(self, value: float) -> Hypothesis:
         """The hypothesis with another value."""
-        source, effects = self.hypothesis.source, self._effects(value)
+        source = self.hypothesis.source
+        effects = self._effects(value)
         label = source.word.format(value)
         if isinstance(source, Candidate):
             columns = self.problem.columns_of(effects[0])
             made = {"label": label, "effects": effects, "columns": columns, "is_exact": True}
-            source, value = replace(source, **made), None
+            source = replace(source, **made)
+            value = None
         else:
             source = _base_of(source, self.problem).with_exact_option(value)
         return replace(self.hypothesis, label=label, effects=effects, source=source, value=value)
@@ -243,7 +248,9 @@ def _refined(likelihood: "_Profile | None", hypothesis: Hypothesis) -> Hypothesi
     if abs(value - integer) < SIGNIFICANT_SIGMAS * std and integer in family.grid:
         value = integer
     value = round(value, 1 - int(np.floor(np.log10(max(std, resolution)))))
-    return hypothesis if abs(value - family.value) < _CLOSE * std else family.at(value)
+    if abs(value - family.value) < _CLOSE * std:
+        return hypothesis
+    return family.at(value)
 
 
 class _Profile:

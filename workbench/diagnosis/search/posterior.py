@@ -123,7 +123,8 @@ class Window:
                 continue
             other, probability, _ = name.replacements[0]
             if probability - name.probability > best:
-                best, positions = probability - name.probability, range(count)
+                best = probability - name.probability
+                positions = range(count)
                 exchanged = tuple(numbers[other] if j == i else j for j in positions)
         return exchanged
 
@@ -137,9 +138,10 @@ class Window:
         out = {}
         for key in keys:
             absent = self.weights * ~present[key]
-            replacements = (
-                self._replacements(key, others, occurrence, absent) if key in accepted else ()
-            )
+            if key in accepted:
+                replacements = self._replacements(key, others, occurrence, absent)
+            else:
+                replacements = ()
             out[key] = EffectPosterior(float(min(self.weights @ present[key], 1.0)), replacements)
         return out
 
@@ -200,7 +202,8 @@ def explained_share(objective: LogPosterior, key: Key, other: Key) -> float:
 
 
 def _share(objective: LogPosterior, i: int, j: int) -> float:
-    first, columns = objective.start[i], objective.index((j,))
+    first = objective.start[i]
+    columns = objective.index((j,))
     length = float(objective.gram[first, first])
     if not length > 0:
         return 0.0
@@ -214,7 +217,8 @@ def effect_posteriors(search) -> dict[Key, EffectPosterior]:
     window = _elastic_window(search)
     if window is None:
         return {}
-    terms, count = window.objective.terms, len(search.accepted)
+    terms = window.objective.terms
+    count = len(search.accepted)
     names = window.names({h.key for h in terms[:count]}, [h.key for h in terms if is_elastic(h)])
     for number, h in enumerate(terms[:count]):
         if h.key in names:
@@ -275,7 +279,8 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
-    tested, chance = search.conditional_hypothesis(i, table), CLOSE_GAIN * search.variance()
+    tested = search.conditional_hypothesis(i, table)
+    chance = CLOSE_GAIN * search.variance()
     with_elastic = bool(accepted.smooth_covariates) or is_elastic(accepted)
     for h in table:
         is_law = not h.smooth_covariates and (with_elastic or not is_elastic(h))
@@ -290,7 +295,9 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
-    return None if is_elastic(other) and not _raises_posterior(search, i, other) else other
+    if is_elastic(other) and not _raises_posterior(search, i, other):
+        return None
+    return other
 
 
 def _law_of_function(search, i: int, table: Sequence[Hypothesis]) -> Hypothesis | None:
@@ -318,7 +325,8 @@ def is_law_of_function(function: Hypothesis, law: Hypothesis) -> bool:
 
 def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
     """Whether the accepted set, with signs and priors, is clearly likelier with another term in the place of one."""
-    objective, present = _objective_with(search, [other]), search.accepted_indices
+    objective = _objective_with(search, [other])
+    present = search.accepted_indices
     exchanged = tuple(len(present) if k == i else k for k in present)
     return objective.value(exchanged) - objective.value(present) > LEAST_LOG_ODDS
 
@@ -326,7 +334,8 @@ def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
 def _objective_with(search, others: Sequence[Hypothesis]) -> LogPosterior:
     """The objective of sets of the accepted terms, which come first, and others."""
     accepted = search.current_terms()
-    terms, solved = [*accepted, *others], as_solved(search, accepted)
+    terms = [*accepted, *others]
+    solved = as_solved(search, accepted)
     return LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
 
 
@@ -335,7 +344,8 @@ def odds_of_both(search, i: int, others: Sequence[Hypothesis]) -> np.ndarray:
 
     0 where the two cannot act together.
     """
-    objective, present = _objective_with(search, others), search.accepted_indices
+    objective = _objective_with(search, others)
+    present = search.accepted_indices
     out = np.zeros(len(others))
     for k in range(len(others)):
         number = len(present) + k

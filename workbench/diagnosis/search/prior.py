@@ -106,7 +106,8 @@ def elastic_prior(
     log_prior = np.array([h.log_prior for h in terms])
     positive = np.array([h.source.positive for h in terms], int)
     robot = _ComplianceScale.of(problem, projected, others)
-    log_odds, scale = log_prior.copy(), np.ones(len(terms))
+    log_odds = log_prior.copy()
+    scale = np.ones(len(terms))
     for i in np.flatnonzero(elastic):
         chance, relative = known[i]
         source = terms[i].source
@@ -115,11 +116,10 @@ def elastic_prior(
             scale[i] = relative * TYPICAL_RAD / float(source.typical[0])
         elif robot is not None:
             scale[i] = relative * robot.size(source.load) / float(source.typical[0])
-    deflects = (
-        float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
-        if elastic.any()
-        else 0.0
-    )
+    if elastic.any():
+        deflects = float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
+    else:
+        deflects = 0.0
     deflects -= problem.moments_cost
     priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
     if robot is None:
@@ -153,7 +153,8 @@ class _ComplianceScale:
         )
         residual = _Residual.of(problem, projected, others)
         cleared = residual.orthogonalise(orthogonal)
-        values, vectors = symmetric_eigen(cleared.T @ cleared / projected.design_effect)
+        matrix = cleared.T @ cleared / projected.design_effect
+        values, vectors = symmetric_eigen(matrix)
         values = np.maximum(values, 0.0)
         projections = vectors.T @ (cleared.T @ residual.y) / projected.design_effect
         spread = _SCALES[:, None] ** 2
@@ -164,8 +165,12 @@ class _ComplianceScale:
         found = np.maximum(-vectors @ (projections * inverse), 0.0)
         variance = max(residual.yy - gain[best], 0.0) / residual.degrees
         std = np.sqrt(variance * (vectors**2 @ inverse))
-        inliers = _median_compliance(found, std, np.array([c.load for c in joints]))
-        max_size = _MOST_OF_USUAL * inliers if inliers > 0 else float(_SCALES[best])
+        load = np.array([c.load for c in joints])
+        inliers = _median_compliance(found, std, load)
+        if inliers > 0:
+            max_size = _MOST_OF_USUAL * inliers
+        else:
+            max_size = float(_SCALES[best])
         reference = []
         for candidate, value, size in zip(joints, np.minimum(found, max_size), sizes):
             reference.append((candidate.effect, candidate.where, float(value * size)))
@@ -211,7 +216,9 @@ def _median_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> 
     """
     deflecting = np.where(found > SIGNIFICANT_SIGMAS * std, found, 0.0)
     median = _weighted_median(deflecting, load)
-    return median if median > 0 else float(deflecting @ load / load.sum())
+    if median > 0:
+        return median
+    return float(deflecting @ load / load.sum())
 
 
 def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
@@ -244,7 +251,10 @@ class MassUncertainty:
                 continue
             response = responses[key].reshape(len(total), len(values), -1)
             change = np.einsum("npm,p->nm", response, values)
-            total = change if total.shape[1] != change.shape[1] else total + change
+            if total.shape[1] != change.shape[1]:
+                total = change
+            else:
+                total = total + change
         return cls(problem.orthogonalise(total), problem.full_basis, projected.design_effect)
 
     def marginalised(
@@ -254,7 +264,8 @@ class MassUncertainty:
 
         The baseline is projected out: of the columns by way of what it makes of them, as y (N,) is free of it.
         """
-        by_masses, by_baseline = self._half.T @ columns, self.basis.T @ columns
+        by_masses = self._half.T @ columns
+        by_baseline = self.basis.T @ columns
         y_by_masses = self._half.T @ y
         projections = np.concatenate([by_masses, by_baseline])
         gram = columns.T @ columns - projections.T @ projections

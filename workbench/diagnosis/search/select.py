@@ -64,7 +64,10 @@ def find(
     solve the baseline.
     """
     search = Search(bench, samples, UNMODELLED_LEVEL, progress, first=first)
-    count = len(bench.pose) if samples is None else int(samples.sum())
+    if samples is None:
+        count = len(bench.pose)
+    else:
+        count = int(samples.sum())
     if count > _MAX_SEARCHED_SAMPLES and not bench.needs_all_samples:
         return _search_on_subset(search, samples)
     search.solve()
@@ -124,7 +127,8 @@ def _found(search: Search) -> Found:
     remaining = search.table(search.accepted_indices)
     p_remainder = family_wise(remaining)
     after = search.converged().conditional_on()
-    outliers, data = find_data_faults(after, [e for h in search.accepted for e in h.effects])
+    effects = [e for h in search.accepted for e in h.effects]
+    outliers, data = find_data_faults(after, effects)
     if search.random_effect:
         data = ()
     elif p_remainder <= level:  # the noise can be judged only where little structure remains
@@ -218,7 +222,8 @@ def _prefer_random_effect(search: Search) -> bool:
     """Whether a random effect, at a place without a smooth alternative, is more probable than all of these."""
     unknown = [h.where for h in search.accepted if h.smooth_covariates]
     laws = tuple(i for i in search.accepted_indices if not search.accepted[i].smooth_covariates)
-    bare, full = search.problem.conditional_on(laws), search.problem.conditional_on()
+    bare = search.problem.conditional_on(laws)
+    full = search.problem.conditional_on()
     found = find_random_effect(bare, RANDOM_EFFECT_LEVEL) if unknown else None
     if found is None or any(is_neighbour(found.site.where, where) for where in unknown):
         return False
@@ -233,7 +238,10 @@ def _search_on_subset(search: Search, samples) -> Found:
     """The search on a part of the poses, which is as valid and faster; the remainder is judged on more of them."""
     bench = search.bench
     before = bench.problem((), samples, hypotheses=False)
-    used = np.ones(len(bench.pose), bool) if samples is None else samples
+    if samples is None:
+        used = np.ones(len(bench.pose), bool)
+    else:
+        used = samples
     _, label = np.unique(before.pose, return_inverse=True)
     search.samples = used.copy()
     search.samples[used] = label % -(-before.n // _MAX_SEARCHED_SAMPLES) == 0

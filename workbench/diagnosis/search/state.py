@@ -60,7 +60,8 @@ class Search:
         if self.first is not None:
             self.first(terms)
             self.first = None
-        self.log_step("; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms))
+        line = "; ".join(f"{h.effect} at {h.where} {h.label}".strip() for h in terms)
+        self.log_step(line)
 
     def log_step(self, line: str):
         """Add a line to the history and report it as progress."""
@@ -85,10 +86,12 @@ class Search:
         problem = self.stated_noise_problem
         if self.noise_factors is not None:
             problem = with_equal_noise(problem, self.noise_factors)
-        self.problem = (
-            problem if self.random_effect is None else whitened_by(problem, self.random_effect)
-        )
-        self.problem = with_exact_options(self.problem, (*self.accepted, *self.always_listed))
+        if self.random_effect is None:
+            self.problem = problem
+        else:
+            self.problem = whitened_by(problem, self.random_effect)
+        hypotheses = (*self.accepted, *self.always_listed)
+        self.problem = with_exact_options(self.problem, hypotheses)
         if self.bench.chain is not None:
             self.problem = with_shared_moments(self.problem, self.bench.chain)
         self.tables = {}
@@ -114,7 +117,8 @@ class Search:
         while negative := self._negative_compliances() or self._negative_loads():
             self.infeasible |= {name_of(h) for h in negative}
             self.accepted = tuple(h for h in self.accepted if name_of(h) not in self.infeasible)
-            self.log_step("; ".join(f"{h.effect} at {h.where}: it is negative" for h in negative))
+            line = "; ".join(f"{h.effect} at {h.where}: it is negative" for h in negative)
+            self.log_step(line)
             self.solve()
 
     def _negative_loads(self) -> list[Hypothesis]:
@@ -133,12 +137,15 @@ class Search:
             return []
         lowest = min(ratios, key=ratios.get)
         others = [self.problem.values[i][0] > 0 for i in laws if i != lowest]
-        return [self.accepted[lowest]] if ratios[lowest] < -CRITICAL_T and any(others) else []
+        if ratios[lowest] < -CRITICAL_T and any(others):
+            return [self.accepted[lowest]]
+        return []
 
     def _value_over_std(self, i: int) -> float:
         """The parameter of an accepted hypothesis over its standard deviation, conditional on the others."""
         bare = self.problem.conditional_on(self.other_indices(i))
-        length = np.linalg.norm(bare.orthogonalise(self.problem.added[i][:, 0]))
+        columns = self.problem.added[i][:, 0]
+        length = np.linalg.norm(bare.orthogonalise(columns))
         return float(self.problem.values[i][0] * length / np.sqrt(self.variance()))
 
     def converged(self) -> Problem:
@@ -181,7 +188,9 @@ class Search:
         """
         carriers = {i for i in self.accepted_indices if self.accepted[i].carries_load}
         table = self.full_table(kept, part)
-        return table if carriers <= set(kept) else [h for h in table if not h.needs_compliance]
+        if carriers <= set(kept):
+            return table
+        return [h for h in table if not h.needs_compliance]
 
     def full_table(self, kept: tuple[int, ...], part: str = ALL) -> list[Hypothesis]:
         """As `table`, including all hypotheses that act through compliances."""
@@ -220,7 +229,8 @@ class Search:
 
     def conditional_hypothesis(self, i: int, table: list[Hypothesis] | None = None) -> Hypothesis:
         """An accepted hypothesis as a table judges it; by default the one conditional on the others."""
-        table, name = table or self.table(self.other_indices(i)), name_of(self.accepted[i])
+        table = table or self.table(self.other_indices(i))
+        name = name_of(self.accepted[i])
         return next((h for h in table if name_of(h) == name), table[0])
 
     def alternatives(self, i: int, part: str = ALL) -> list[Hypothesis]:
@@ -267,7 +277,8 @@ class Search:
 
     def explained(self) -> float:
         """Reduction of the whitened sum of squares by all accepted hypotheses together."""
-        full, bare = self.problem.conditional_on(), self.problem.conditional_on(())
+        full = self.problem.conditional_on()
+        bare = self.problem.conditional_on(())
         return float(
             (bare.orthogonalise(bare.residual) ** 2).sum()
             - (full.orthogonalise(full.residual) ** 2).sum()
@@ -280,7 +291,8 @@ class Search:
 
 
 def _conditional_scores(problem: Problem, i: int, others: tuple[int, ...]) -> tuple[float, float]:
-    columns, projected = problem.added[i], Projected(problem.conditional_on(others))
+    columns = problem.added[i]
+    projected = Projected(problem.conditional_on(others))
     columns = columns / np.maximum(np.sqrt((columns**2).sum(0)), 1e-300)
     scores = projected.score_hypotheses(projected.column_moments(columns[None]))
     return float(scores.gain[0]), float(scores.p[0])

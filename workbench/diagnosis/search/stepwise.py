@@ -35,7 +35,10 @@ class Stepwise:
         lawful = self._most_probable_laws(present)
         if not objective.is_smooth.any():
             return lawful
-        starts = [present, lawful] if present else [lawful, self._single(objective.is_smooth)]
+        if present:
+            starts = [present, lawful]
+        else:
+            starts = [lawful, self._single(objective.is_smooth)]
         free = self._best(starts)
         explained = objective.gain(lawful)
         if explained >= LAW * objective.gain(free):
@@ -96,7 +99,9 @@ class Stepwise:
         """(K,) bool: terms that may join a set, no functions where it has `_MAX_SMOOTH` of them."""
         is_smooth = self.objective.is_smooth
         functions = sum(bool(is_smooth[i]) for i in members)
-        return ~is_smooth if functions >= _MAX_SMOOTH else np.ones(len(is_smooth), bool)
+        if functions >= _MAX_SMOOTH:
+            return ~is_smooth
+        return np.ones(len(is_smooth), bool)
 
     def _single(self, allowed: np.ndarray) -> Members:
         return self.objective.most_probable_extension((), allowed)[1]

@@ -70,20 +70,20 @@ def controls(
     gains = np.array([trial.gain(trial.permuted(rng), residual) for _ in range(_TRIALS)])
     p = float((1 + (gains >= trial.own).sum()) / (1 + _TRIALS))
     share = trial.share_beyond_chance(float(np.median(gains)))
-    permutation = [Control(PERMUTED, share, p, p <= _LEVEL and share < _LEFT, _TRIALS)]
+    passed = p <= _LEVEL and share < _LEFT
+    permutation = [Control(PERMUTED, share, p, passed, _TRIALS)]
     return (*permutation, *_of_time(trial, rng))
 
 
 def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
     """Circular shifts of the time against what an effect leaves that reads it, at the best of all instants."""
-    chain, shifts = trial.chain, np.linspace(0.05, 0.95, _SHIFTS)
+    chain = trial.chain
+    shifts = np.linspace(0.05, 0.95, _SHIFTS)
     if chain is None or not any(_changes_with_clock(e, chain) for e in trial.effects):
         return ()
     residual = trial.y - trial.fitted
-    few_variants, many_variants = (
-        trial.other_instants(_FEW_INSTANTS),
-        trial.other_instants(_INSTANTS),
-    )
+    few_variants = trial.other_instants(_FEW_INSTANTS)
+    many_variants = trial.other_instants(_INSTANTS)
     of_clock = [
         trial.best_gains(few_variants, _shifted_state(chain, part), residual) for part in shifts
     ]
@@ -142,7 +142,10 @@ class _Trial:
 
     def __init__(self, bench, others, tested, solved: Sequence[Effect] = ()):
         part = tested_samples(bench)
-        self.chain = bench.chain if part is None else bench.chain.at(part)
+        if part is None:
+            self.chain = bench.chain
+        else:
+            self.chain = bench.chain.at(part)
         self.effects = tuple(tested)
         if self.chain is None:
             self.problem = bench.problem(others, samples=part, hypotheses=False).conditional_on()
@@ -177,7 +180,10 @@ class _Trial:
         self.small = self.basis(self.chain.state)
         self.rows = self._rows(model, fit)
         none = [np.zeros(len(values)) for values in self._values]
-        known = [full_problem.precisions[i] for i in numbers] if full_problem.precisions else none
+        if full_problem.precisions:
+            known = [full_problem.precisions[i] for i in numbers]
+        else:
+            known = none
         self._precision = np.concatenate(known)
 
     def basis(self, state, effects: Sequence[Effect] = ()):
@@ -186,7 +192,9 @@ class _Trial:
         effects: others of the same kinds at the same places; the own ones where not given.
         """
         bases = [e.derivative(p, state) for e, p in zip(effects or self.effects, self._values)]
-        width, rows, first = sum(b.shape[1] for b in bases), [], 0
+        width = sum(b.shape[1] for b in bases)
+        rows = []
+        first = 0
         for b in bases:
             after = width - first - b.shape[1]
             rows.append(np.pad(b, ((0, 0), (first, after), (0, 0))))
@@ -198,7 +206,8 @@ class _Trial:
         variants = [self.effects]
         for i, effect in enumerate(self.effects):
             if _changes_with_clock(effect, self.chain):
-                before, after = self.effects[:i], self.effects[i + 1 :]
+                before = self.effects[:i]
+                after = self.effects[i + 1 :]
                 others = _variants(effect, self.chain, max_count)
                 variants += [(*before, other, *after) for other in others]
         return variants
@@ -253,7 +262,8 @@ class _Trial:
         length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
         seen = length**2 > ROUNDING * np.diagonal(raw)
         unit = 1 / length[seen]
-        values, vectors = symmetric_eigen(gram[np.ix_(seen, seen)] * np.outer(unit, unit))
+        matrix = gram[np.ix_(seen, seen)] * np.outer(unit, unit)
+        values, vectors = symmetric_eigen(matrix)
         significant = values > ROUNDING
         score = (scores[seen].T * unit).T
         return (((vectors[:, significant].T @ score) ** 2).T / values[significant]).sum(-1)
@@ -329,7 +339,8 @@ def _columns(bench, problem, others, tested):
 def _permuted_rows(pose: np.ndarray, rng) -> np.ndarray:
     """(n,) row that each row reads: rows of one pose (n,) read those of one other, repeatedly if these are fewer."""
     _, group, count = np.unique(pose, return_inverse=True, return_counts=True)
-    order, start = np.argsort(group, kind="stable"), np.cumsum(count) - count
+    order = np.argsort(group, kind="stable")
+    start = np.cumsum(count) - count
     rank = np.empty(len(pose), int)
     rank[order] = np.arange(len(pose)) - start[group[order]]
     other = rng.permutation(len(count))[group]

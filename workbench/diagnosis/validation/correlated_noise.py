@@ -58,7 +58,8 @@ def with_correlated_noise(
     noise = None if bench.chain is None else serial_correlation(after)
     if noise is None:
         return found, None
-    p = _chance(bench.problem(effects, tested_samples(bench)).conditional_on(), noise)
+    problem = bench.problem(effects, tested_samples(bench)).conditional_on()
+    p = _chance(problem, noise)
     if p < UNMODELLED_LEVEL:
         return found, None
     first = found.p_first if effects else max(found.p_first, p)

@@ -42,7 +42,9 @@ class Scheme:
 
     def at(self, samples: np.ndarray | None) -> "Scheme":
         """The same scheme on some of its samples (n,) bool (None: all)."""
-        return self if samples is None else Scheme(self.name, self.fold[samples])
+        if samples is None:
+            return self
+        return Scheme(self.name, self.fold[samples])
 
 
 def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:

@@ -57,11 +57,16 @@ def rms_pair(
     plain = rms(before, used, sigma), rms(after, used, sigma)
     if plain[1] < plain[0] or not used.any():
         return plain
-    unit = np.ones(int(used.sum())) if sigma is None else sigma[used]
+    if sigma is None:
+        unit = np.ones(int(used.sum()))
+    else:
+        unit = sigma[used]
     errors = before[used] / unit, after[used] / unit
     squares = _loss(_scaled(*errors)) * _scale(*errors)
     base, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
-    return (float(base), float(with_it)) if with_it < base else plain
+    if with_it < base:
+        return (float(base), float(with_it))
+    return plain
 
 
 def paired_t(
@@ -88,10 +93,13 @@ def paired_t(
     base, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
     falls = np.bincount(group, base - with_it)
     if sigma is not None:
-        return _jackknife_t(falls, np.bincount(group, _moved(base, with_it)))
+        moved = np.bincount(group, _moved(base, with_it))
+        return _jackknife_t(falls, moved)
     falls = falls / np.bincount(group)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
-    return float(falls.mean() / spread) if spread > 0 else 0.0
+    if spread > 0:
+        return float(falls.mean() / spread)
+    return 0.0
 
 
 def significance(
@@ -205,7 +213,8 @@ def showing_poses(
         return 1.0
     _, group = np.unique(pose[used], return_inverse=True)
     losses = _loss(_scaled(before[used] / sigma[used], after[used] / sigma[used]))
-    return _effective_number(np.bincount(group, _moved(*losses)))
+    moved = np.bincount(group, _moved(*losses))
+    return _effective_number(moved)
 
 
 def _moved(base: np.ndarray, with_it: np.ndarray) -> np.ndarray:
@@ -220,7 +229,8 @@ def _serial_factor(series: np.ndarray) -> float:
     with Bartlett's weights (Newey & West, Econometrica 55 (1987)), its lags by the rule of Andrews, Econometrica 59
     (1991), eq. 6.4, for an autoregressive process.
     """
-    count, variance = len(series), float(series @ series)
+    count = len(series)
+    variance = float(series @ series)
     if count < LEAST_NUMBER or not variance > 0:
         return 1.0
     rho = float(series[1:] @ series[:-1]) / variance
@@ -240,7 +250,9 @@ def _loss(z: np.ndarray) -> np.ndarray:
 def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
     """(n,) noise (px) of each of some samples (n,) bool (None: all) of a bench that has them of several kinds."""
     sigma = bench.sigma
-    return sigma if sigma is None or samples is None else sigma[samples]
+    if sigma is None or samples is None:
+        return sigma
+    return sigma[samples]
 
 
 class Errors:
@@ -337,7 +349,8 @@ def is_ambiguous(
     a step lies between these two, and not on which side of a sample between them. Nor is the first pose predicted by
     effects of the last move.
     """
-    state, used = bench.chain.state, slice(None) if samples is None else samples
+    state = bench.chain.state
+    used = slice(None) if samples is None else samples
     out = ~(np.ones(len(bench.pose), bool) & is_move_known(state.covariates, effects))[used]
     # of each arm pose of a sample
     times = clock(state).reshape(-1, len(bench.pose))[:, used]
@@ -377,7 +390,8 @@ def nested_components(
 def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
     """(m, n) components (mm, px) of the positions among residuals (N,); 0 where a sample has fewer than others."""
     position = slice(None) if problem.rotation is None else ~problem.rotation
-    sample, rows = problem.sample[position], rows[position]
+    sample = problem.sample[position]
+    rows = rows[position]
     order = np.argsort(sample, kind="stable")
     count = np.bincount(sample, minlength=problem.n)
     number = np.arange(len(sample)) - np.repeat(np.cumsum(count) - count, count)

@@ -126,7 +126,9 @@ def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
 
     sigma: of the bench, see `critical_t`.
     """
-    return min(values) if rises_significantly(min(values), sigma) else float(np.mean(values))
+    if rises_significantly(min(values), sigma):
+        return min(values)
+    return float(np.mean(values))
 
 
 def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
@@ -180,11 +182,9 @@ class ConditionalGains:
 
     def with_gains(self, term: Term, indices: Sequence[int], present: Sequence[int]) -> Term:
         """The term, of the effects `indices`, with t, t_fall and gain of its presence among the effects `present`."""
-        inliers, sigma, pose = (
-            self._problem.weights > OUTLIER_WEIGHT,
-            self._sigma,
-            self._problem.pose,
-        )
+        inliers = self._problem.weights > OUTLIER_WEIGHT
+        sigma = self._sigma
+        pose = self._problem.pose
         others = [i for i in present if i not in indices]
         t, falls, gain, showing = [], [], [], []
         for scheme in self._judges_of(term, tuple(indices)):

@@ -30,14 +30,17 @@ class Block:
 
 def _observed(problem: Problem) -> np.ndarray:
     """(N,) y: the residual without what the added effects make of it."""
-    return problem.residual if problem.retained is None else problem.retained.added.y
+    if problem.retained is None:
+        return problem.residual
+    return problem.retained.added.y
 
 
 def _coefficients(problem: Problem) -> np.ndarray:
     """(R + A,) of `fit_columns`, in the fit whose hat matrix is that of `hat_mixing`."""
     if problem.retained is None:
         return problem.basis.T @ problem.residual
-    mixing, score = problem.retained.hat_mixing, problem.retained.added.score
+    mixing = problem.retained.hat_mixing
+    score = problem.retained.added.score
     return np.concatenate([np.zeros(problem.basis.shape[1]), mixing @ (mixing.T @ score)])
 
 
@@ -62,7 +65,8 @@ def _block(problem: Problem, rows: np.ndarray) -> Block:
 def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
     """(P,) shares of the directions of a fit that the rows (N,) bool of a block alone determine, ascending."""
     mixing = problem.hat_mixing
-    return symmetric_eigenvalues(mixing.T @ _block(problem, rows).gram @ mixing)
+    matrix = mixing.T @ _block(problem, rows).gram @ mixing
+    return symmetric_eigenvalues(matrix)
 
 
 def left_out_rows(
@@ -75,7 +79,8 @@ def left_out_rows(
     logarithmic score, e' V^-1 e + log det V, is made of V^-1/2 e = (I - B_b B_b')^-1/2 r and equal parts of log det V.
     """
     mixing, fitted = problem.hat_mixing, _coefficients(problem)
-    out, block_of_row = np.full(len(problem.residual), np.nan), fold[problem.sample]
+    out = np.full(len(problem.residual), np.nan)
+    block_of_row = fold[problem.sample]
     leave_out = _scored_block if scored else _without_block
     for k in np.unique(fold) if only is None else (only,):
         block = _block(problem, block_of_row == k)
@@ -96,11 +101,13 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
     predicts: a direction that the other blocks leave uncertain counts by as much less. V^-1/2 B_b u = sqrt(1 - v) B_b u
     for an eigenvector u of B_b'B_b with the eigenvalue v.
     """
-    mixing, block_of_row = problem.hat_mixing, fold[problem.sample]
+    mixing = problem.hat_mixing
+    block_of_row = fold[problem.sample]
     out = errors / problem.units
     for k in np.unique(block_of_row[np.isfinite(errors).any(0)]):
         block = _block(problem, block_of_row == k)
-        values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
+        matrix = mixing.T @ block.gram @ mixing
+        values, vectors = symmetric_eigen(matrix)
         remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
         shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
         # of a few errors, not of all directions: the products with these take as long as the eigenvectors
@@ -116,7 +123,8 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
     of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out_rows`). Mean over whitened
     rows of the inliers (n,) bool; fold (n,) int.
     """
-    mixing, block_of_row = problem.hat_mixing, fold[problem.sample]
+    mixing = problem.hat_mixing
+    block_of_row = fold[problem.sample]
     counted = inliers[problem.sample]
     if problem.rotation is not None:
         counted = counted & ~problem.rotation
@@ -125,7 +133,8 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
     added = 0.0
     for k in np.unique(fold[inliers]):
         block = _block(problem, block_of_row == k)
-        values, vectors = symmetric_eigen(mixing.T @ block.gram @ mixing)
+        matrix = mixing.T @ block.gram @ mixing
+        values, vectors = symmetric_eigen(matrix)
         columns = block.columns[counted[block.rows]] @ mixing
         gram = columns.T @ columns
         shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)

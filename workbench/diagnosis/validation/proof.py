@@ -119,8 +119,10 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: lis
     Judged by what the folds found by themselves; where that fails, by that without what was refused. As long as the
     error does not fall, the term with the least support goes.
     """
-    tested_schemes, sigma = [result.scheme for result in results], sigma_of(errors.bench)
-    predicted, is_reduced = [result.errors for result in results], False
+    tested_schemes = [result.scheme for result in results]
+    sigma = sigma_of(errors.bench)
+    predicted = [result.errors for result in results]
+    is_reduced = False
     refused: list[Term] = []
     while terms:
         judging = schemes_judging_all(errors.bench, terms, tested_schemes)
@@ -129,7 +131,8 @@ def _supported(errors: Errors, terms: list[Term], gone: list[Term], results: lis
         if is_supported(rows):
             return terms, refused, rows
         if not is_reduced and gone:
-            predicted, is_reduced = _without_refused(errors, results, gone), True
+            predicted = _without_refused(errors, results, gone)
+            is_reduced = True
             continue
         weakest = min(terms, key=lambda term: term.t_nested)
         refused.append(refused_term(weakest, rows, errors.bench.unit))
@@ -208,7 +211,8 @@ def _nested_search(
             for scheme, plain_errors in zip(tested_schemes, plain)
         ]
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
-    searched, results = searched_schemes(bench, terms, tested_schemes), []
+    searched = searched_schemes(bench, terms, tested_schemes)
+    results = []
     by_scheme = dict(zip(searched, _search_nested(bench, searches, searched, progress)))
     for scheme in tested_schemes:
         if scheme not in by_scheme:
@@ -216,10 +220,13 @@ def _nested_search(
             results.append(Nested(scheme, plain, plain, {}, 0.0, is_searched=False))
             continue
         nested = by_scheme[scheme]
-        fold, chosen = scheme.fold, {k: effects_of(terms) for k, terms in nested.items()}
-        before, after = compared((), fold), compared.predicted(fold, chosen)
+        fold = scheme.fold
+        chosen = {k: effects_of(terms) for k, terms in nested.items()}
+        before = compared((), fold)
+        after = compared.predicted(fold, chosen)
         t = _t_of(compared, before, after, ~found.outliers)
-        plain, predicted = errors((), fold), errors.predicted(fold, chosen)
+        plain = errors((), fold)
+        predicted = errors.predicted(fold, chosen)
         results.append(Nested(scheme, plain, predicted, nested, t))
     return results
 
@@ -296,10 +303,8 @@ def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Find
     """
     searched = tested = samples
     if not bench.needs_all_samples:
-        searched, tested = (
-            thinned(bench.pose, samples),
-            thinned(bench.pose, samples, MAX_TESTED_SAMPLES),
-        )
+        searched = thinned(bench.pose, samples)
+        tested = thinned(bench.pose, samples, MAX_TESTED_SAMPLES)
     retained, refused = _retained_terms(bench, find(bench, searched), tested)
     return [term.finding for term in (*retained, *filter(_shown_once, refused))]
 
@@ -331,7 +336,8 @@ def _retained_terms(
 
     def with_gains(terms: Sequence[Term], present_terms: Sequence[Term]) -> list[Term]:
         present = [i for term in present_terms for i in numbers[id(term.finding)]]
-        step, out = counted(progress, len(terms)), []
+        step = counted(progress, len(terms))
+        out = []
         for term in terms:
             step(f"held-out gain of {term.title}")
             out.append(trial.with_gains(term, numbers[id(term.finding)], present))
@@ -351,7 +357,8 @@ def _without_insignificant(
     with_gains(some, present): some of the terms `present`, each with its gain conditional on all the others. Once a
     term is removed, the terms that are not clearly significant are tested again, then the others.
     """
-    remaining, refused = with_gains(terms, terms), []
+    remaining = with_gains(terms, terms)
+    refused = []
     outdated: set[int] = set()
     while remaining:
         worst = min(remaining, key=lambda term: (term.gain > 0, term.t))

@@ -60,7 +60,8 @@ def stable_terms(
     if not terms:
         return [], []
     judging = schemes_judging_all(bench, terms, [result.scheme for result in nested])
-    t = combined_t([result.t for result in nested if result.scheme in judging], bench.sigma)
+    values = [result.t for result in nested if result.scheme in judging]
+    t = combined_t(values, bench.sigma)
     if not t > critical_t(bench.sigma):
         reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
         return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
@@ -109,7 +110,10 @@ class _Folds:
 
     def __init__(self, bench, terms: Sequence[Term], nested: Sequence[Nested], inliers: np.ndarray):
         part = tested_samples(bench)
-        used = np.ones(len(bench.pose), bool) if part is None else part
+        if part is None:
+            used = np.ones(len(bench.pose), bool)
+        else:
+            used = part
         findings = [term.finding for term in terms]
         self._bench, self._pose, self._usual = bench, bench.pose[used], inliers[used]
         self._part = part
@@ -125,7 +129,10 @@ class _Folds:
         """The term with its t in the folds, and whether it is kept."""
         moved = self._moved[number]
         t = self._t(term.finding, self._numbers[number], moved)
-        nested = min(t) if rises_significantly(min(t), self._sigma) else max(t)
+        if rises_significantly(min(t), self._sigma):
+            nested = min(t)
+        else:
+            nested = max(t)
         folds = [fold for rows in self._solved.values() for fold in rows.values()]
         found = [fold.holds(term.finding, moved) for fold in folds]
         replaced = [_is_reselected(moved, fold.displacements) for fold in folds]
@@ -159,7 +166,8 @@ class _Folds:
         for scheme in judging_schemes(
             self._bench, finding.effects, schemes, self._problem, indices
         ):
-            solved, scored = self._solved[scheme], self._sigma is not None
+            solved = self._solved[scheme]
+            scored = self._sigma is not None
             pair = self._nested_components(scheme, solved, (finding, moved), scored)
             out.append(significance(self._pose, *pair, self._usual, self._sigma))
         return out

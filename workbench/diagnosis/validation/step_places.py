@@ -29,7 +29,8 @@ def with_step_places(bench: Bench, terms: Sequence[Term]) -> list[Term]:
     for i, term in enumerate(terms):
         effects = term.finding.effects
         if bench.chain is not None and len(effects) == 1 and isinstance(effects[0], _STEPS):
-            others = effects_of([other.finding for k, other in enumerate(compared) if k != i])
+            findings = [other.finding for k, other in enumerate(compared) if k != i]
+            others = effects_of(findings)
             compared[i] = replace(term, finding=_among_places(bench, term.finding, others))
     return compared
 
@@ -45,7 +46,10 @@ def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> F
     if not np.isfinite(logs).all():
         return finding
     best = int(np.argmax(logs))
-    chosen = best if logs[best] - logs[0] > LEAST_LOG_ODDS else 0
+    if logs[best] - logs[0] > LEAST_LOG_ODDS:
+        chosen = best
+    else:
+        chosen = 0
     explained = np.array([_squares(base) - _squares(model) for model in models])
     likeness = np.clip(explained / max(explained[chosen], 1e-300), 0.0, 1.0)
     names = [(step.effect, step.where) for step in steps]
