@@ -94,7 +94,10 @@ def forward(
     twist_sines = np.sin(geometry[:, ALPHA:])
     tilted = geometry[:, BETA].reshape(joints, -1).any(1)
     for k in range(joints):
-        beta = (twist_cosines[k, 1], twist_sines[k, 1]) if tilted[k] else None
+        if tilted[k]:
+            beta = twist_cosines[k, 1], twist_sines[k, 1]
+        else:
+            beta = None
         step(
             k,
             (cosines[k], sines[k]),
@@ -142,14 +145,21 @@ class _Walk:
     """
 
     def __init__(self, joints, n, root, base, twists, ends):
-        rotation, origin = (np.eye(3), np.zeros(3)) if base is None else base
+        if base is None:
+            rotation, origin = np.eye(3), np.zeros(3)
+        else:
+            rotation, origin = base
         start = rotation @ root[:3, :3]
         self.axes = [np.repeat(start[:, c, None], n, 1) for c in range(3)]
         self.origin = np.repeat((rotation @ root[:3, 3] + origin)[:, None], n, 1)
         self.z, self.x, self.y, self.z_origin, self.x_origin = ([] for _ in range(5))
         links = ends is not None
-        self.link = np.empty((joints + 2, 3, 3, n)) if links else None
-        self.pivot = np.empty((joints + 2, 3, n)) if links else None
+        if links:
+            self.link = np.empty((joints + 2, 3, 3, n))
+            self.pivot = np.empty((joints + 2, 3, n))
+        else:
+            self.link = None
+            self.pivot = None
         self.origins = np.empty((joints, 3, n)) if links else None
         self.tip = np.empty((joints, 3, n)) if links else None
         self.ends = ends
@@ -239,7 +249,10 @@ def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray
     length of the link, but the zero of its reading.
     """
     after = number if robot.convention == "craig" else number - 1
-    places = [] if robot.prismatic[number - 1] else [(number - 1, D)]
+    if robot.prismatic[number - 1]:
+        places = []
+    else:
+        places = [(number - 1, D)]
     if after < robot.joints:
         places.append((after, A))
     lengths = np.array([robot.geometry[place] for place in places])
@@ -248,7 +261,8 @@ def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray
 
 def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
     """(..., 3, n) cross products along the axis before the last, in `out` where it is given."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape)) if out is None else out
+    if out is None:
+        out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[..., j, :], b[..., k, :], out=out[..., i, :])
         out[..., i, :] -= a[..., k, :] * b[..., j, :]

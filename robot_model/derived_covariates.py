@@ -45,10 +45,14 @@ def derived(state, name: str) -> np.ndarray | None:
         return of_drives[int(number) - 1]
     if link and 1 <= int(link) <= joints:
         return state.moment[int(link)][_AXES[link_axis]]
-    return _component(state, vector, _AXES[axis]) if vector else None
+    if vector:
+        return _component(state, vector, _AXES[axis])
+    return None
 
 
 def _component(state, vector: str, axis: int) -> np.ndarray:
     if vector == "down":
         return np.einsum("in,i->n", state.frames.link[-1][axis], state.gravity)
-    return state.moment[0][axis] if vector == "moment" else state.measured[axis]
+    if vector == "moment":
+        return state.moment[0][axis]
+    return state.measured[axis]

@@ -62,7 +62,8 @@ def _combined(pairs, values, covariance) -> tuple[float, float] | None:
         rows.append(row)
     if not ratios:
         return None
-    ratios, rows = np.array(ratios), np.array(rows)
+    ratios = np.array(ratios)
+    rows = np.array(rows)
     weight = pseudo_inverse(rows @ covariance @ rows.T, 1e-12).sum(0)
     newton = float(weight @ ratios / weight.sum())
     return newton / STANDARD_GRAVITY, float(1 / np.sqrt(weight.sum()) / STANDARD_GRAVITY)

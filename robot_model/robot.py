@@ -57,7 +57,9 @@ class Robot:
 
     def joint_name(self, k: int) -> str:
         """The name of joint k + 1 in files for other programs: that of its own file, else joint_1 ..."""
-        return self.joint_names[k] if self.joint_names else f"joint_{k + 1}"
+        if self.joint_names:
+            return self.joint_names[k]
+        return f"joint_{k + 1}"
 
     @property
     def joints(self) -> int:
@@ -65,7 +67,9 @@ class Robot:
 
     def drive_motion(self, variables: np.ndarray) -> np.ndarray:
         """(J, n) motion of the drives, in units of their own joints, that makes joint variables (J, n)."""
-        return variables if self.coupling is None else np.linalg.solve(self.coupling, variables)
+        if self.coupling is None:
+            return variables
+        return np.linalg.solve(self.coupling, variables)
 
     def drive_torque(self, torque: np.ndarray) -> np.ndarray:
         """(..., J, n) torque on each drive under torques (..., J, n) about the joints, N m (N where prismatic).
@@ -73,7 +77,9 @@ class Robot:
         A virtual motion dm of the drives moves the joints by dq = C dm and does the work tau . C dm, so that the torque
         on the drives is C^T tau: Craig, Introduction to Robotics, sect. 5.9, with C in place of the Jacobian.
         """
-        return torque if self.coupling is None else self.coupling.T @ torque
+        if self.coupling is None:
+            return torque
+        return self.coupling.T @ torque
 
 
 def coupling_of(mixing: np.ndarray, driven: np.ndarray) -> np.ndarray | None:
@@ -83,7 +89,9 @@ def coupling_of(mixing: np.ndarray, driven: np.ndarray) -> np.ndarray | None:
     """
     coupling = np.eye(len(mixing))
     coupling[:, driven] = mixing / mixing[driven, np.arange(len(driven))]
-    return None if np.array_equal(coupling, np.eye(len(mixing))) else coupling
+    if np.array_equal(coupling, np.eye(len(mixing))):
+        return None
+    return coupling
 
 
 def wrong(where: object, expected: str, found: object, remedy: str) -> InputError:

@@ -284,7 +284,8 @@ def approaches_read(effects) -> list[str]:
 def sliding(robot: Robot) -> np.ndarray:
     """(R,) True for a reading in mm: that of a prismatic joint, or of the first joint that it drives."""
     joints, readings = robot.mixing.shape
-    joint_of_reading = (
-        np.arange(readings) if joints == readings else np.argmax(robot.mixing != 0, axis=0)
-    )
+    if joints == readings:
+        joint_of_reading = np.arange(readings)
+    else:
+        joint_of_reading = np.argmax(robot.mixing != 0, axis=0)
     return robot.prismatic[joint_of_reading]

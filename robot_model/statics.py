@@ -61,7 +61,8 @@ def moment_levers(robot: Robot, frames: Frames, change: np.ndarray) -> Levers:
     """Levers of first moments (J+1, 3, n) kg mm added to the bodies, each in its own frame; no mass."""
     axes = np.concatenate([frames.link[1:-1], np.stack(frames.end)[None]])
     moments = np.einsum("kcin,kcn->kin", axes, change)
-    return _levers(robot, frames, np.zeros((robot.joints + 1, moments.shape[-1])), moments)
+    masses = np.zeros((robot.joints + 1, moments.shape[-1]))
+    return _levers(robot, frames, masses, moments)
 
 
 def _levers(robot, frames, masses, moments):

@@ -79,7 +79,8 @@ def _moved_by_centre(model, parameters) -> dict[str, np.ndarray]:
     columns = (rows / sigma).reshape(len(rows), -1) * typical[:, None]
     free = [p for p, is_free in zip(parameters.table, parameters.mask) if is_free]
     prior = [0.0 if p.prior is None else (p.typical / p.prior) ** 2 for p in free]
-    inverse = pseudo_inverse(columns @ columns.T + np.diag(prior))
+    matrix = columns @ columns.T + np.diag(prior)
+    inverse = pseudo_inverse(matrix)
     changes = []
     for axis in np.eye(3):
         state = replace(chain.state, load_centre=chain.state.load_centre + axis)

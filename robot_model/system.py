@@ -56,7 +56,8 @@ class RobotChain:
         parameters = Parameters.of(
             [*base, *_geometry_parameters(self.robot), *self.measurement.parameters()]
         )
-        values, size = parameters.values.copy(), self.base_size
+        values = parameters.values.copy()
+        size = self.base_size
         values[:size] = self.start[:size]
         values[size + 5 * self.robot.joints :] = self.start[size:]
         return replace(parameters, values=values)
@@ -87,10 +88,11 @@ class RobotChain:
     def at(self, samples: np.ndarray) -> "RobotChain":
         """The same robot and start on some of the samples."""
         seen = self.columns_of(samples)
+        covariates = {k: v[seen] for k, v in self.state.covariates.items()}
         state = replace(
             self.state,
             variables=self.state.variables[:, seen],
-            covariates={k: v[seen] for k, v in self.state.covariates.items()},
+            covariates=covariates,
             payload=self.state.payload[seen],
             measured=self.state.measured[:, seen],
             index=self.state.index[seen],
@@ -166,7 +168,10 @@ class RobotChain:
             raise InputError(
                 f"there is no '{where}': {self.robot.name} has {self.robot.joints} joints; correct it"
             )
-        row = end[where] if place.number is None else place.number - 1 + first
+        if place.number is None:
+            row = end[where]
+        else:
+            row = place.number - 1 + first
         return tuple(width * row + c for c in components or range(width))
 
     def split(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -203,7 +208,8 @@ class RobotChain:
     def frames(self, values: np.ndarray, deltas: dict) -> tuple[kinematics.Frames, dict]:
         """Frames in the world with all deltas of joints, geometry and frames; and the twists."""
         pose, geometry, _ = self.split(values)
-        variables, twists = self.moved_variables(deltas), _twists(deltas)
+        variables = self.moved_variables(deltas)
+        twists = _twists(deltas)
         trigonometry = None if "joint" in deltas else self.cosines_and_sines
         if "geometry" in deltas:
             port_indices, change = deltas["geometry"]
@@ -405,7 +411,9 @@ def bind(
 
 def root_rotation(measurement, start: np.ndarray) -> np.ndarray:
     """(3, 3) rotation from the robot's root frame to the external one, as the start has placed the base."""
-    return np.eye(3) if measurement.grounded else rotation_matrix(start[3:_BASE])
+    if measurement.grounded:
+        return np.eye(3)
+    return rotation_matrix(start[3:_BASE])
 
 
 def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
@@ -423,11 +431,9 @@ def _checked_sigma(sigma: np.ndarray, name: str) -> np.ndarray:
 
 def _columns_of(samples, poses_per_sample: int, columns: int):
     """Return the column index of some samples, given as a mask, indices or a slice."""
-    return (
-        samples
-        if poses_per_sample == 1
-        else np.arange(columns).reshape(poses_per_sample, -1)[:, samples].ravel()
-    )
+    if poses_per_sample == 1:
+        return samples
+    return np.arange(columns).reshape(poses_per_sample, -1)[:, samples].ravel()
 
 
 def row_instants(poses: np.ndarray) -> np.ndarray:
@@ -456,7 +462,10 @@ def _state(robot, ends, variables, measurement, tool) -> State:
         moves, history = moved(robot, robot.drive_motion(variables), time, ends[0].poses)
         covariates |= moves
     payload = robot.payload_mass + covariates.get("payload_kg", np.zeros(variables.shape[1]))
-    centre = robot.payload_com if robot.payload_mass > 0 or robot.payload_com.any() else tool[:3]
+    if robot.payload_mass > 0 or robot.payload_com.any():
+        centre = robot.payload_com
+    else:
+        centre = tool[:3]
     seen = measurement.measured, measurement.numbers, measurement.targets(tool)
     return State(
         robot, variables, covariates, robot.gravity, payload, centre, *seen, history=history

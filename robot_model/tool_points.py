@@ -20,7 +20,9 @@ def calibrated_points(values) -> dict:
             found[name] = [values[stem + letter] for letter in "xyz"]
 
     def number(name):
-        return int(name.removeprefix("reflector") or 0) if name[-1:].isdigit() else 0
+        if name[-1:].isdigit():
+            return int(name.removeprefix("reflector") or 0)
+        return 0
 
     return {name: found[name] for name in sorted(found, key=number)}
 

@@ -152,7 +152,9 @@ class BaseDrift(Effect):
         """Over the recording, of the default degree."""
         time = clock(chain.state)
         span = {"start": float(time.min()), "end": float(time.max())}
-        return [("base", span)] if span["end"] > span["start"] else []
+        if span["end"] > span["start"]:
+            return [("base", span)]
+        return []
 
     def table(self, chain):
         names = [
@@ -199,7 +201,10 @@ class AxisRunOut(Effect):
 
     def port_indices(self, chain):
         """x and y of a frame whose z is joint K's axis: distal, the one before it; Craig, the one after it."""
-        last = self.number if chain.robot.convention == "craig" else self.number - 1
+        if chain.robot.convention == "craig":
+            last = self.number
+        else:
+            last = self.number - 1
         return chain.port_indices(self.port, f"link-{last}" if last else "base", self.components)
 
     def table(self, chain):

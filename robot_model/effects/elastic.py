@@ -358,7 +358,8 @@ class ToolDeflection(Effect):
         )
 
     def basis(self, state):
-        return one_each(np.einsum("cin,i->cn", state.frames.link[-1], state.gravity))
+        values = np.einsum("cin,i->cn", state.frames.link[-1], state.gravity)
+        return one_each(values)
 
 
 class MountTilt(Effect):

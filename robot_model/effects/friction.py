@@ -135,7 +135,10 @@ class JointTorque(Effect):
         return ()
 
     def table(self, chain):
-        unit, size = ("mm", 0.03) if chain.slides(self.number) else ("rad", 3e-4)
+        if chain.slides(self.number):
+            unit, size = "mm", 0.03
+        else:
+            unit, size = "rad", 3e-4
         label = f"joint {self.number}'s deflection by cable or spring"
         return tuple(
             self.parameter(f"p{j}", unit, size / j, f"{label}, degree {j}") for j in (1, 2, 3)

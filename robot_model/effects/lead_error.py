@@ -57,7 +57,8 @@ class CyclicLeadError(Effect):
             if not chain.slides(number):
                 continue
             span = float(np.ptp(chain.state.drive_angles[number - 1]))
-            periods, weights = _periods(span, 1 / chain.robot.gear_ratio[number - 1])
+            pitch = 1 / chain.robot.gear_ratio[number - 1]
+            periods, weights = _periods(span, pitch)
             if len(periods):
                 yield Grid(
                     cls,

@@ -44,7 +44,9 @@ class Payload(Effect):
     def confounded_with(self):
         """In all poses a constant load weighs as much as another mass of the last link than the robot file states."""
         label = "mass or centre of mass of the last link or the tool, wrong in the robot file"
-        return (("stated-masses", self.where, label),) if self.after is None else ()
+        if self.after is None:
+            return (("stated-masses", self.where, label),)
+        return ()
 
     @classmethod
     def candidates(cls, chain):

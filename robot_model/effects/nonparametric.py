@@ -152,7 +152,9 @@ class SmoothFunction(Effect):
 
     @property
     def _fine(self) -> int:
-        return 2 if self.sharp else int(len(self.sizes) == 1)
+        if self.sharp:
+            return 2
+        return int(len(self.sizes) == 1)
 
     def table(self, chain):
         """One coefficient a component and function; its prior falls with the degree of the function."""
@@ -266,7 +268,8 @@ class PeriodicMotion(Effect):
             return None
         cycles = int(self.rate * (high - low) / np.pi) + 1
         grid = np.linspace(low, high, grid_points(cycles))
-        return extrapolation_sigma(np.tensordot(p, self._waves(grid), 1), high - low, distance)
+        values = np.tensordot(p, self._waves(grid), 1)
+        return extrapolation_sigma(values, high - low, distance)
 
     def _waves(self, time: np.ndarray) -> np.ndarray:
         """(2 x components, components, n) at times (n,)."""

@@ -70,7 +70,9 @@ class BallPosition(BallPositionLaw, Effect):
     def candidates(cls, chain):
         """Of every ball where there are several: the position of a single one is that of the artefact."""
         balls = chain.places("ball")
-        return [Variant(cls(where)) for where in balls] if len(balls) > 1 else []
+        if len(balls) > 1:
+            return [Variant(cls(where)) for where in balls]
+        return []
 
 
 class ArtefactExpansion(ArtefactExpansionLaw, Effect):

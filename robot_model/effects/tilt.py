@@ -88,7 +88,9 @@ def level_axes(covariates, sensor: str) -> str | None:
         for axis, x in components.items()
         if x is not None and np.ptp(x) > 0
     )[:2]
-    return "".join(sorted(axis for _, axis in level)) if len(level) == 2 else None
+    if len(level) == 2:
+        return "".join(sorted(axis for _, axis in level))
+    return None
 
 
 __all__ = ["MeasuredTilt", "level_axes"]

@@ -194,7 +194,9 @@ class Backlash(Effect):
 
     @property
     def needs(self):
-        return (f"approach{self.number}",) if self.seat == "approach" else ()
+        if self.seat == "approach":
+            return (f"approach{self.number}",)
+        return ()
 
     @property
     def reads(self):
@@ -351,7 +353,8 @@ class TimeOffset(Effect):
             else np.deg2rad(state.covariate(f"qdot{k}_deg_s"))
             for k, slides in enumerate(sliding(state.robot), 1)
         ]
-        return state.robot.drive_motion(state.robot.mixing @ np.stack(speeds))[None]
+        variables = state.robot.mixing @ np.stack(speeds)
+        return state.robot.drive_motion(variables)[None]
 
 
 class ReadingLag(Effect):
@@ -443,4 +446,6 @@ def turning_joints(chain, min_range: float) -> list[str]:
 
 def size_of(chain, number: int, turn: float) -> tuple[str, float]:
     """Unit and typical size of a joint's error, `turn` rad; of a slide what that makes a metre away, in mm."""
-    return ("mm", 1000 * turn) if chain.robot.prismatic[number - 1] else ("rad", turn)
+    if chain.robot.prismatic[number - 1]:
+        return ("mm", 1000 * turn)
+    return ("rad", turn)

@@ -91,9 +91,10 @@ def base_columns(robot: Robot, first: int, with_all: bool = False) -> tuple[tupl
     rng = np.random.default_rng(0)
     variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
     frames = forward(robot, variables, links=True)
-    start = (
-        first if with_all or robot.coupling is None else np.flatnonzero(robot.coupling[:, first])[0]
-    )
+    if with_all or robot.coupling is None:
+        start = first
+    else:
+        start = np.flatnonzero(robot.coupling[:, first])[0]
     names = [(body, axis) for body in range(start, robot.joints) for axis in range(3)]
     if with_all:
         columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
@@ -399,7 +400,9 @@ def bearing_like_root(effect: Effect, link_effect: str) -> tuple[tuple[str, str,
 
 def first_link_like_pedestal(effect: Effect, other: str) -> tuple[tuple[str, str, str], ...]:
     """A pedestal with one compliance in all directions tilts as the first link does."""
-    return ((other, "base", "the same about x and y"),) if effect.number == 1 else ()
+    if effect.number == 1:
+        return ((other, "base", "the same about x and y"),)
+    return ()
 
 
 def about_axis(state, number: int, turns: np.ndarray) -> np.ndarray:

@@ -73,7 +73,10 @@ class MjcfTree(Tree):
         root = read_included(self.file)
         self.name = root.get("model", self.file.stem)
         compiler = compiler_of(root)
-        self._angle = 1.0 if compiler.get("angle", "degree") == "radian" else np.pi / 180
+        if compiler.get("angle", "degree") == "radian":
+            self._angle = 1.0
+        else:
+            self._angle = np.pi / 180
         self._sequence = compiler.get("eulerseq", "xyz")
         self._from_geoms = compiler.get("inertiafromgeom", "auto")
         self._defaults = Defaults(root)
@@ -218,7 +221,10 @@ class MjcfTree(Tree):
         keys = self._defaults.of(geom, kind)
         where = self._where(body)
         ends = shape_ends(keys, where)
-        centre = self._place(geom, keys)[:3, 3] if ends is None else _MM * ends.mean(0)
+        if ends is None:
+            centre = self._place(geom, keys)[:3, 3]
+        else:
+            centre = _MM * ends.mean(0)
         return shape_mass(keys, where), centre
 
     def _couple(self, root) -> None:
@@ -267,7 +273,9 @@ def _gravity(root) -> np.ndarray:
     text = "0 0 -9.81" if option is None else option.get("gravity", "0 0 -9.81")
     vector = np.array([float(word) for word in text.split()])
     length = np.linalg.norm(vector)
-    return vector / length if length > 1e-9 else np.array([0.0, 0.0, -1.0])
+    if length > 1e-9:
+        return vector / length
+    return np.array([0.0, 0.0, -1.0])
 
 
 def _moved(axis: np.ndarray, amount: float, kind: str) -> np.ndarray:

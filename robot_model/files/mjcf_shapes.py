@@ -25,7 +25,9 @@ def shape_mass(keys: Mapping[str, str], where: str) -> float:
 def shape_ends(keys: Mapping[str, str], where: str) -> np.ndarray | None:
     """(2, 3) m: the ends of the axis of a shape that is given by them; None where it has a place of its own."""
     ends = keys.get("fromto")
-    return None if ends is None else numbers(ends, 6, where).reshape(2, 3)
+    if ends is None:
+        return None
+    return numbers(ends, 6, where).reshape(2, 3)
 
 
 def _size(kind: str, keys: Mapping[str, str], where: str) -> list[float]:
@@ -34,7 +36,10 @@ def _size(kind: str, keys: Mapping[str, str], where: str) -> list[float]:
     ends = shape_ends(keys, where)
     if ends is not None and size:
         half = float(np.linalg.norm(ends[1] - ends[0])) / 2
-        size = [size[0], half] if _SIZES[kind] == 2 else [size[0], size[0], half]
+        if _SIZES[kind] == 2:
+            size = [size[0], half]
+        else:
+            size = [size[0], size[0], half]
     numbers(" ".join(map(str, size[: _SIZES[kind]])), _SIZES[kind], f"{where}: geom size")
     return size
 

@@ -32,6 +32,8 @@ def _robot(file: RobotFile) -> Robot:
         [angles[:, 0], [j.d_mm for j in joints], [j.a_mm for j in joints], angles[:, 1:]]
     )
     payload = file.payload or Payload(mass_kg=0.0, com_mm=[0.0, 0.0, 0.0])
+    gravity = np.array(file.gravity) / np.linalg.norm(file.gravity)
+    com = np.array([j.com_mm or [0.0, 0.0, 0.0] for j in joints])
     return Robot(
         name=file.name,
         source=file.source,
@@ -43,9 +45,9 @@ def _robot(file: RobotFile) -> Robot:
         coupling=_coupling(joints),
         limits=np.array([j.limits for j in joints]),
         gear_ratio=np.array([j.revolutions for j in joints], float),
-        gravity=np.array(file.gravity) / np.linalg.norm(file.gravity),
+        gravity=gravity,
         mass=np.array([j.mass_kg or 0.0 for j in joints]),
-        com=np.array([j.com_mm or [0.0, 0.0, 0.0] for j in joints]),
+        com=com,
         payload_mass=payload.mass_kg,
         payload_com=np.array(payload.com_mm),
         base=_pose(file.base),

@@ -72,14 +72,18 @@ def robot_from_urdf(spec: Mapping, where: str = "robot") -> Robot:
 def _names(moving: list[Joint]) -> tuple[str, ...]:
     """Names of the joints; () where one of them has none."""
     names = tuple(joint.name for joint in moving)
-    return () if any(name.endswith(NAMELESS) for name in names) else names
+    if any(name.endswith(NAMELESS) for name in names):
+        return ()
+    return names
 
 
 def tree_of(spec: Mapping, where: str) -> Tree:
     """The tree of links and joints of a URDF or MJCF file, recognised by its root element. Raises InputError."""
     file = spec.get("urdf")
     is_other = isinstance(file, str | Path) and is_mjcf(Path(file))
-    return MjcfTree(spec, where) if is_other else Tree(spec, where)
+    if is_other:
+        return MjcfTree(spec, where)
+    return Tree(spec, where)
 
 
 def _denavit(
@@ -99,7 +103,10 @@ def _denavit(
         frame = frames[-1]
         inward = frame[:3, :3].T
         is_last = len(rows) == len(moving) - 1
-        hint = end[:3, 0] if is_last else frame[:3, 0]
+        if is_last:
+            hint = end[:3, 0]
+        else:
+            hint = frame[:3, 0]
         offset = inward @ (point - frame[:3, 3])
         row, is_parallel = link_row(offset, inward @ axis, inward @ hint, is_last)
         rows.append(row)
@@ -135,7 +142,10 @@ def link_row(
     a = point[:2] @ normal
     d = point[2] - axis[2] * (point[:2] @ axis[:2]) / sine**2
     # axes that meet, but for rounding, leave the sign of the normal free
-    side = np.sign(a) if abs(a) > 1e-3 else 1.0 if normal @ hint[:2] > -1e-6 else -1.0
+    if abs(a) > 1e-3:
+        side = np.sign(a)
+    else:
+        side = 1.0 if normal @ hint[:2] > -1e-6 else -1.0
     theta = np.arctan2(side * normal[1], side * normal[0])
     return np.array([theta, d, side * a, np.arctan2(side * sine, axis[2]), 0.0]), False
 
@@ -165,7 +175,9 @@ def _transform(row: np.ndarray) -> np.ndarray:
 def _flange(last: np.ndarray, tip: np.ndarray) -> np.ndarray:
     flange = np.linalg.inv(last) @ tip
     # an identity but for rounding saves the chain a step when it is exact
-    return np.eye(4) if np.allclose(flange, np.eye(4), rtol=0, atol=1e-12) else flange
+    if np.allclose(flange, np.eye(4), rtol=0, atol=1e-12):
+        return np.eye(4)
+    return flange
 
 
 def _load_centre(tree: Tree, tip: str) -> np.ndarray:

@@ -219,7 +219,9 @@ class Tree:
         offset = 0.0
         for _ in range(len(self.joints) + 1):
             if name in (self.named or ()) or name not in self.mimic:
-                return (name, ratio, offset) if self.named is None or name in self.named else None
+                if self.named is None or name in self.named:
+                    return (name, ratio, offset)
+                return None
             name, factor, shift = self.mimic[name]
             ratio, offset = ratio * factor, offset + ratio * shift
         raise wrong(
@@ -320,7 +322,10 @@ def _joint(element: ET.Element, file: Path) -> Joint:
     low, high = (
         _numbers(element, "limit", side, (np.nan,), where)[0] * unit for side in ("lower", "upper")
     )
-    limits = (low, high) if low < high and kind != "continuous" else (np.nan, np.nan)
+    if low < high and kind != "continuous":
+        limits = low, high
+    else:
+        limits = np.nan, np.nan
     axis = axis / max(np.linalg.norm(axis), 1e-9)
     return Joint(
         name, kind, parent, child, _origin(element, where), axis, limits, _mimic(element, where)

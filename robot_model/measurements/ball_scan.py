@@ -105,12 +105,13 @@ class BallScan:
             return np.einsum("nij,kjn->kin", by_centre, rows)
 
         seen = np.linalg.pinv(by_centre, rcond=_LEAST_SEEN)
+        port_rows = {port: scaled(rows) for port, rows in centres.port_rows.items()}
         return Closure(
             np.einsum("nij,jn->in", self.root, displacement),
             centres.point,
             lambda rows: scaled(centres.map_rows(rows)),
             scaled(centres.tool_rows),
-            {port: scaled(rows) for port, rows in centres.port_rows.items()},
+            port_rows,
             to_world=lambda gap: centres.to_world(np.einsum("nij,jn->in", seen, gap)),
         )
 

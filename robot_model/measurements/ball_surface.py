@@ -167,7 +167,8 @@ class BallSurface:
         round_ones = np.isfinite(circles[0]) & (circles[2] < _LARGEST_SECTION * self.balls[ball, 3])
         centres = np.full((3, len(ball)), np.nan)
         if round_ones.sum() >= _FEWEST:
-            flange = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+            rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
+            flange = transform(rotation, frames.end_origin.T)
             centres[:, round_ones] = signed_centres(
                 circles[:, round_ones],
                 ball[round_ones],

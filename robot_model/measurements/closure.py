@@ -42,7 +42,8 @@ def rigid_fit(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.nd
     """Rotation (3, 3) and translation (3,) with target = R source + t; points (k, 3)."""
     a = source.mean(0)
     b = target.mean(0)
-    rotation = nearest_rotation((target - b).T @ (source - a))
+    matrix = (target - b).T @ (source - a)
+    rotation = nearest_rotation(matrix)
     return rotation, b - rotation @ a
 
 
@@ -136,5 +137,8 @@ def position_sigma(recording) -> np.ndarray:
     """
     if all(name in recording.columns for name in SIGMAS):
         return np.stack([recording.columns[name] for name in SIGMAS])
-    sigma = np.ones(recording.n) if recording.sigma is None else recording.sigma
+    if recording.sigma is None:
+        sigma = np.ones(recording.n)
+    else:
+        sigma = recording.sigma
     return np.tile(sigma, (3, 1))

@@ -121,4 +121,5 @@ def base_values(start: Start, frames: Frames, measured: np.ndarray) -> np.ndarra
     """(6,) base pose of a solution of `point_system`."""
     rotation = start.rotations[0].T
     shift = frames.end_origin.mean(1) + start.translations[:3]
-    return pose_values(rotation, measured.mean(1) - rotation @ shift)
+    translation = measured.mean(1) - rotation @ shift
+    return pose_values(rotation, translation)

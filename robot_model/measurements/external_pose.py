@@ -44,11 +44,10 @@ class MeasuredPose:
     def sigma(self, recording) -> np.ndarray:
         """(3 + angles, n): mm, then rad from column sigma_deg or, without it, that of two points 100 mm apart."""
         position = position_sigma(recording)
-        orientation_noise = (
-            np.deg2rad(recording.columns["sigma_deg"])
-            if "sigma_deg" in recording.columns
-            else position[0] / 100
-        )
+        if "sigma_deg" in recording.columns:
+            orientation_noise = np.deg2rad(recording.columns["sigma_deg"])
+        else:
+            orientation_noise = position[0] / 100
         return np.concatenate([position, np.tile(orientation_noise, (self.angles, 1))])
 
     def port_rows(self, axes: np.ndarray) -> dict[str, np.ndarray]:
@@ -131,7 +130,8 @@ class ExternalPose(MeasuredPose):
         by_tool = np.einsum("nia,lb->nilab", rotations, np.eye(3)).reshape(-1, 9, 9)
         # the Frobenius norm of the difference of two rotations is sqrt(2) times a small angle between them
         unit = lever_arm(frames.end_origin) / (np.sqrt(2) * MODEL_ERROR_MM)
-        return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
+        rows = unit * np.concatenate([by_base, -by_tool], 2)
+        return points.with_orientations(rows)
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (6, n)."""

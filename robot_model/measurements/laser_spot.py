@@ -216,4 +216,6 @@ def _tilt(ray):
     ray = ray / np.linalg.norm(ray)
     axis = np.array([-ray[1], ray[0]])
     size = np.linalg.norm(axis)
-    return np.zeros(2) if size < 1e-12 else axis / size * np.arctan2(size, ray[2])
+    if size < 1e-12:
+        return np.zeros(2)
+    return axis / size * np.arctan2(size, ray[2])

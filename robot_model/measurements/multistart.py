@@ -113,7 +113,10 @@ class RotationSystem:
         found = None
         for done in range(_ROUNDS):
             reduced = _Reduced(self, weights, centre)
-            begin = reduced.screened() if found is None else np.stack([s.rotations for s in found])
+            if found is None:
+                begin = reduced.screened()
+            else:
+                begin = np.stack([s.rotations for s in found])
             before = found
             found = reduced.minima(begin, is_near=found is not None)
             if before is not None and found[0].is_near(before[0]):
@@ -324,7 +327,8 @@ class _Reduced:
             active = np.flatnonzero(goes_on)
             if not len(active):
                 break
-            state, moving = state.of(active), moving[active]
+            state = state.of(active)
+            moving = moving[active]
         return nearest_rotation(found)
 
 
@@ -343,7 +347,8 @@ class _Descent:
     def step(self, second, products_at) -> tuple["_Descent", np.ndarray]:
         """The descents after one step each, and which of them (S,) go on."""
         move, expected = _damped_move(self.products, self.damping, second)
-        moved = rotation_matrix(move.reshape(len(move), -1, 3)) @ self.rotations
+        vector = move.reshape(len(move), -1, 3)
+        moved = rotation_matrix(vector) @ self.rotations
         tried = products_at(moved)
         cost = self.products[:, -1, -1]
         accepted = tried[:, -1, -1] < cost

@@ -120,7 +120,8 @@ class PartialPose(MeasuredPose):
         by_base = kronecker_rows(self.axis).reshape(-1, 3, 9)
         by_tool = np.einsum("nij,k->nijk", rotations, np.eye(3)[self.axis_number]).reshape(-1, 3, 9)
         unit = lever_arm(frames.end_origin) / MODEL_ERROR_MM
-        return points.with_orientations(unit * np.concatenate([by_base, -by_tool], 2))
+        rows = unit * np.concatenate([by_base, -by_tool], 2)
+        return points.with_orientations(rows)
 
     def columns(self, residual: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of samples.csv for what was predicted: the measurement moved by its residual (5, n)."""

@@ -67,6 +67,5 @@ class TouchPoint(Contact):
         rotations = flange_matrices(frames)
         points = np.einsum("ij,nk->nikj", np.eye(3), np.eye(len(self.ids))[self.index])
         right = -frames.end_origin.T.ravel()
-        return np.zeros(0), solve_linear_start(
-            [rotations.reshape(-1, 3), -points.reshape(len(right), -1)], right
-        )
+        blocks = [rotations.reshape(-1, 3), -points.reshape(len(right), -1)]
+        return np.zeros(0), solve_linear_start(blocks, right)
