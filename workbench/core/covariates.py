@@ -154,7 +154,10 @@ class MotionHistory:
         states = []
         wound = _wound_by_dahl if of_dahl else _wound
         for length in (self.moves[joint - 1] / width).tolist():
-            state = wound(state, length) if length >= 0 else -wound(-state, -length)
+            if length >= 0:
+                state = wound(state, length)
+            else:
+                state = -wound(-state, -length)
             states.append(state)
         return np.array(states)[self.reached]
 

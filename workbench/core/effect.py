@@ -354,7 +354,9 @@ def _sits(kind, where) -> bool:
     place = Place.of(where)
     if place.kind not in kind.places or str(place) != where:
         return False
-    return (place.number or 0) > 0 if place.kind in NUMBERED else place.number is None
+    if place.kind in NUMBERED:
+        return (place.number or 0) > 0
+    return place.number is None
 
 
 def _make(catalogue, name, where, options) -> Effect:

@@ -138,7 +138,9 @@ class Model:
         """(m, n) 1 sigma of each component, with the effects that act on the noise."""
         effects = [(e, s) for e, s in zip(self.effects, self.spans) if e.port == NOISE]
         delta = self._deltas_of(effects, parameters.values).get(NOISE)
-        return self.chain.sigma if delta is None else self.chain.sigma * np.exp(delta[1].sum(0))
+        if delta is None:
+            return self.chain.sigma
+        return self.chain.sigma * np.exp(delta[1].sum(0))
 
     def linearise(self, parameters: Parameters) -> tuple[np.ndarray, np.ndarray]:
         """Residual (m, n) and its derivative (F, m, n) with respect to the F free parameters."""
@@ -176,7 +178,8 @@ class Model:
         chain_size = len(self.chain.parameters)
         values = parameters.values
         filled = parameters.mask[:chain_size].sum()
-        rows[:filled] = evaluation.own_rows(np.flatnonzero(parameters.mask[:chain_size]))
+        indices = np.flatnonzero(parameters.mask[:chain_size])
+        rows[:filled] = evaluation.own_rows(indices)
         evaluation = _CachedEvaluation(evaluation, self._indices_by_port)
         loads = self._load_rows(parameters, evaluation)
         for effect, span in zip(self.effects, self.spans):
@@ -227,7 +230,10 @@ class Model:
     def _load_rows(self, parameters, evaluation) -> dict[Effect, np.ndarray]:
         """Effect -> (P, m, n) of each effect on a state port that is free, by way of every effect that carries load."""
         pairs = zip(self.effects, self.spans)
-        causes = [(e, s) for e, s in pairs if e.port in STATE_PORTS and parameters.mask[s].any()]
+        causes = []
+        for e, s in pairs:
+            if e.port in STATE_PORTS and parameters.mask[s].any():
+                causes.append((e, s))
         if not causes:
             return {}
         values = parameters.values
@@ -246,7 +252,10 @@ class Model:
                     self._numeric_by_load(effect, effect_span, span, values) for _, span in causes
                 ]
                 total += _contract(np.concatenate(row_blocks), rows)
-        return {cause: total[a:b] for (cause, _), a, b in zip(causes, edges, edges[1:])}
+        found = {}
+        for (cause, _), a, b in zip(causes, edges, edges[1:]):
+            found[cause] = total[a:b]
+        return found
 
     def _numeric_by_load(self, effect, effect_span, span, values):
         def moved(p):
@@ -416,7 +425,9 @@ class _CachedEvaluation:
             self._rows[port] = self._evaluation.rows(port, self._port_indices[port])
         rows = self._rows[port]
         first = np.searchsorted(self._port_indices[port], port_indices)
-        return rows[first[0], None] if len(first) == 1 else rows[first]
+        if len(first) == 1:
+            return rows[first[0], None]
+        return rows[first]
 
 
 def _combined(sizes: np.ndarray, components: np.ndarray) -> np.ndarray:

@@ -211,7 +211,8 @@ def algebraic_circles(flat: np.ndarray, label: np.ndarray, count: int) -> np.nda
     middle = np.stack([np.bincount(label, row, count) / number for row in flat])
     x, z = flat - middle[:, label]
     rows = [x, z, np.ones_like(x)]
-    x0, z0, level = solved_by_label(rows, (x**2 + z**2) / 2, label, count).T
+    target = (x**2 + z**2) / 2
+    x0, z0, level = solved_by_label(rows, target, label, count).T
     return np.stack([x0 + middle[0], z0 + middle[1], np.sqrt(2 * level + x0**2 + z0**2)])
 
 
@@ -242,7 +243,8 @@ def signed_centres(
     start = find_start(
         circles[:, is_largest], flange[is_largest], float(radii[largest_label]), **effort
     )
-    rotation, place = rotation_matrix(start.values[3:6]), start.values[:3]
+    rotation = rotation_matrix(start.values[3:6])
+    place = start.values[:3]
     sensor_rotation = flange[:, :3, :3] @ rotation
     sensor_place = flange[:, :3, :3] @ place + flange[:, :3, 3]
     centres = np.full((3, len(label)), np.nan)

@@ -64,7 +64,8 @@ def icosahedral_rotations() -> np.ndarray:
     golden = (1 + np.sqrt(5)) / 2
     corner = np.array([0, 1, golden])
     face = np.ones(3)
-    fifth = rotation_matrix(2 * np.pi / 5 * corner / np.linalg.norm(corner))
+    vector = 2 * np.pi / 5 * corner / np.linalg.norm(corner)
+    fifth = rotation_matrix(vector)
     third = rotation_matrix(2 * np.pi / 3 * face / np.linalg.norm(face))
     found = [np.eye(3)]
     for rotation in found:
@@ -126,4 +127,5 @@ def placement(xyz: Sequence[float], rpy_deg: Sequence[float]) -> np.ndarray:
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """(..., 4, 4) T_b_a of T_a_b."""
     transposed = np.swapaxes(matrix[..., :3, :3], -1, -2)
-    return transform(transposed, -(transposed @ matrix[..., :3, 3, None])[..., 0])
+    translation = -(transposed @ matrix[..., :3, 3, None])[..., 0]
+    return transform(transposed, translation)

@@ -39,10 +39,14 @@ class Place:
     def of(cls, where: str) -> "Place":
         """Of its name: "joint-3", "base"."""
         kind, _, number = where.rpartition("-")
-        return cls(kind, int(number)) if kind and number.isdecimal() else cls(where)
+        if kind and number.isdecimal():
+            return cls(kind, int(number))
+        return cls(where)
 
     def __str__(self) -> str:
-        return self.kind if self.number is None else f"{self.kind}-{self.number}"
+        if self.number is None:
+            return self.kind
+        return f"{self.kind}-{self.number}"
 
 
 @dataclass(frozen=True)

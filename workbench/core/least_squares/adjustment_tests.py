@@ -79,7 +79,8 @@ def standardised_squares(white: np.ndarray, redundancies: np.ndarray | None = No
     """
     if redundancies is None:
         return (white**2).sum(0)
-    values, vectors = symmetric_eigen((redundancies + redundancies.transpose(0, 2, 1)) / 2)
+    matrix = (redundancies + redundancies.transpose(0, 2, 1)) / 2
+    values, vectors = symmetric_eigen(matrix)
     projected = np.einsum("nmk,mn->nk", vectors, white)
     checked = values > _UNCONTROLLED
     squares = np.where(checked, projected**2 / np.where(checked, values, 1), 0).sum(1)
@@ -107,7 +108,12 @@ def fit_tail(squares: np.ndarray, components: int, least_scale: float = 0.0) -> 
     for _ in range(40):
         degrees = np.exp((low + top) / 2)
         ratio = fisher.ppf(0.9, components, degrees) / fisher.ppf(0.5, components, degrees)
-        low, top = (np.log(degrees), top) if ratio > wanted else (low, np.log(degrees))
+        if ratio > wanted:
+            low = np.log(degrees)
+            top = top
+        else:
+            low = low
+            top = np.log(degrees)
     degrees = float(np.exp((low + top) / 2))
     scale = np.sqrt(middle / components / fisher.ppf(0.5, components, degrees))
     return TailFit(float(max(scale, least_scale)), degrees)

@@ -43,7 +43,9 @@ class Design:
         usual = float(np.median(self.random))
         if not usual or not self.value:  # nothing is determined: no ratio says anything
             return 1.0 if usual == self.value else float("nan")
-        return self.value / usual if self.larger_is_better else usual / self.value
+        if self.larger_is_better:
+            return self.value / usual
+        return usual / self.value
 
 
 def choose(
@@ -69,8 +71,14 @@ def choose(
     """
     rng = np.random.default_rng(seed)
     largest = symmetric_eigenvalues(normal_of(rows))[-1] * np.eye(rows.shape[2])
-    ridge = _RIDGE * largest if known is None else known + _ROUNDING * largest
-    weight = None if tasks is None else np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
+    if known is None:
+        ridge = _RIDGE * largest
+    else:
+        ridge = known + _ROUNDING * largest
+    if tasks is None:
+        weight = None
+    else:
+        weight = np.einsum("tmf,tmg->fg", tasks, tasks) / len(tasks)
     score, with_each = _criterion(criterion, n, rows, ridge, weight)
 
     def worth(indices):
@@ -89,7 +97,10 @@ def choose(
         grams = np.swapaxes(rows, 1, 2) @ rows
         shares, bound = least_error(grams, n, weight, ridge, repeats)
         chosen = min(chosen, search.exchange(_rounded_counts(shares, n, repeats)), key=worth)
-        larger = random_sets(2 * n) if 2 * n <= len(rows) else []
+        if 2 * n <= len(rows):
+            larger = random_sets(2 * n)
+        else:
+            larger = []
         comparisons = {
             "twice": np.array([worth(indices) for indices in larger]),
             "everything": score(normal_of(rows) + ridge),
@@ -114,7 +125,8 @@ def least_error(grams, n: int, weight, ridge, repeats: int = 1) -> tuple[np.ndar
     shares = np.full(len(grams), n / len(grams))
     bound = 0.0
     for _ in range(_SHARES):
-        inverse = inverse_positive((shares @ flat).reshape(ridge.shape) + ridge)
+        matrix = (shares @ flat).reshape(ridge.shape) + ridge
+        inverse = inverse_positive(matrix)
         value = float((inverse * weight).sum())
         slope = flat @ (inverse @ weight @ inverse).ravel()
         cycle, part = divmod(n, repeats)
@@ -187,7 +199,9 @@ def observability(s: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
 
 def _volume(normal):
     sign, log = np.linalg.slogdet(normal)
-    return float(np.exp(log / len(normal))) if sign > 0 else 0.0
+    if sign > 0:
+        return float(np.exp(log / len(normal)))
+    return 0.0
 
 
 def _volumes_with(normal, rows):

@@ -167,7 +167,10 @@ def identifiability(
     typical = parameters.typical[mask]
     scaled = normal * np.outer(typical, typical) / max(scale, _LEAST_SCALE) ** 2
     values, vectors = symmetric_eigen((scaled + scaled.T) / 2)
-    rounding = 1e-14 * len(values) * max(values[-1], 0) if len(values) else 0
+    if len(values):
+        rounding = 1e-14 * len(values) * max(values[-1], 0)
+    else:
+        rounding = 0
     singular = np.sqrt(np.maximum(np.where(values < rounding, 0, values), 0))
     rank = int((singular >= 1).sum())
     weight = np.sqrt(np.maximum(np.diag(scaled), 0))
@@ -189,7 +192,8 @@ def _exact(scaled, weight):
     # what rounding leaves of a column of zeros is not to be blown up
     seen = weight > max(_NO_EFFECT, _ROUNDING * weight.max(initial=0.0))
     length = np.where(seen, weight, 1)
-    values, vectors = symmetric_eigen(scaled * np.outer(seen, seen) / np.outer(length, length))
+    matrix = scaled * np.outer(seen, seen) / np.outer(length, length)
+    values, vectors = symmetric_eigen(matrix)
     return (vectors[:, values < _SAME] / length[:, None]).T
 
 

@@ -143,7 +143,9 @@ def _cholesky(matrix):
         return None
     pivots = np.diagonal(lower, axis1=-2, axis2=-1)
     # a squared pivot is what is left of a column that those before it do not make
-    return lower if (pivots**2 > _cutoff(matrix)).all() else None
+    if (pivots**2 > _cutoff(matrix)).all():
+        return lower
+    return None
 
 
 def _solve_by_eigen(matrix, right):
@@ -253,7 +255,9 @@ def _accurate_factor(total: np.ndarray, prior: np.ndarray) -> np.ndarray | None:
     rounding = _cutoff(total)
     pivots = np.diagonal(lower, axis1=-2, axis2=-1)
     is_small = (rounding < _SAME_VARIANCE * prior).all()
-    return lower if is_small or (rounding < _SAME_VARIANCE * pivots**2).all() else None
+    if is_small or (rounding < _SAME_VARIANCE * pivots**2).all():
+        return lower
+    return None
 
 
 def _inverse_of(matrix: np.ndarray, lower: np.ndarray) -> np.ndarray:
@@ -311,7 +315,9 @@ def root_between(function: Callable[[float], float], low: float, high: float) ->
     at_low = function(low)
     at_high = function(high)
     if not (np.isfinite(at_low) and np.isfinite(at_high) and at_low * at_high < 0):
-        return low if abs(at_low) <= abs(at_high) or not np.isfinite(at_high) else high
+        if abs(at_low) <= abs(at_high) or not np.isfinite(at_high):
+            return low
+        return high
     return _bracketed_root(function, (low, at_low), (high, at_high))
 
 

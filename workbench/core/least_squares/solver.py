@@ -247,7 +247,10 @@ class _Problem:
     def take(self, parameters, residual, rows, weights):
         """Set the current point and compute its whitened and scaled normal equations and gradient."""
         self.parameters, self.residual, self.weights = parameters, residual, weights
-        root = self.inverse_sigma if self.weigh is None else self.inverse_sigma * np.sqrt(weights)
+        if self.weigh is None:
+            root = self.inverse_sigma
+        else:
+            root = self.inverse_sigma * np.sqrt(weights)
         self.root, self.rows, equations = root, None, rows
         if not isinstance(rows, Equations):
             self.rows = _WhitenedRows.of(rows, residual, np.broadcast_to(root, residual.shape))
@@ -303,7 +306,10 @@ class _Problem:
         before, self.held, self.is_settled = self.cost, False, False
         if self.damping and not self.is_curved and len(self.history) > _STRAIGHT:
             self.is_curved, self.damping = self.rows is not None, _CURVED_DAMPING
-        metric = np.diag(self.normal) if self.is_curved else np.ones(len(self.gradient))
+        if self.is_curved:
+            metric = np.diag(self.normal)
+        else:
+            metric = np.ones(len(self.gradient))
         for _ in range(20):
             damped = self.normal + np.diag(_FLOOR + self.damping * metric)
             move = _newton(damped, self.gradient)
@@ -316,7 +322,10 @@ class _Problem:
             ):
                 return
             predicted = decrement + self.damping * float(move @ (metric * move))
-            bend = self.bend(damped, move) if self.is_curved and self.damping else 0.0
+            if self.is_curved and self.damping:
+                bend = self.bend(damped, move)
+            else:
+                bend = 0.0
             if bend is not None and self.accept(move + bend, predicted):
                 if abs(before - self.cost) < max(
                     1e-5 * before, 0.02 * max(1.0, self.cost / self.residual.size)
@@ -324,7 +333,10 @@ class _Problem:
                     self.settle(unit)
                 return
             self.increase_damping()
-        self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+        if decrement < 1e-3 * max(1.0, self.cost):
+            self.outcome = STALLED
+        else:
+            self.outcome = OUT_OF_STEPS
 
     def settle(self, unit):
         """End after a step that lowered the cost by next to nothing, unless only the damping made it so short.
@@ -351,7 +363,8 @@ class _Problem:
 
         Half the acceleration along the move: the damped step for the second derivative of the residual along it.
         """
-        ahead = self.parameters.unpack(self.parameters.pack() + _PROBE * move * self.scale)
+        free_values = self.parameters.pack() + _PROBE * move * self.scale
+        ahead = self.parameters.unpack(free_values)
         change = ((self.model.residual(ahead) - self.residual) * self.root).ravel() / _PROBE
         curvature = 2 / _PROBE * (change - self.rows.change(move * self.scale))
         if not all_finite(curvature):
@@ -364,7 +377,8 @@ class _Problem:
     def finished(self, move, decrement, unit):
         """True if converged; a negligible last step needs no new derivative."""
         if decrement > _DONE * unit:
-            candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+            free_values = self.parameters.pack() + move * self.scale
+            candidate = self.parameters.unpack(free_values)
             residual = self.model.residual(candidate)
             cost = self.cost_of(candidate, residual)
             if not cost < self.cost:
@@ -381,7 +395,8 @@ class _Problem:
         The damping falls by as much as the cost falls as `predicted`, and stays after it had to rise: Madsen, Nielsen &
         Tingleff, Methods for Non-Linear Least Squares Problems (2004), eq. 2.21.
         """
-        candidate = self.parameters.unpack(self.parameters.pack() + move * self.scale)
+        free_values = self.parameters.pack() + move * self.scale
+        candidate = self.parameters.unpack(free_values)
         residual, derivative = self.model.residual_and_derivative(candidate)
         cost = self.cost_of(candidate, residual)
         if not cost < self.cost:

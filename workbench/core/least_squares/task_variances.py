@@ -42,7 +42,8 @@ class TaskVariances:
             return
         for k in np.flatnonzero(change):
             for _ in range(abs(change[k])):
-                if not self._update(k, int(np.sign(change[k]))):
+                sign = int(np.sign(change[k]))
+                if not self._update(k, sign):
                     self._restart(counts)
                     return
         self._counts = counts
@@ -63,7 +64,8 @@ class TaskVariances:
     def _restart(self, counts: np.ndarray) -> None:
         owner = np.repeat(np.arange(len(counts)), counts)
         flat = self._rows[owner].reshape(-1, self._rows.shape[2])
-        self._covariance = inverse_positive(flat.T @ flat + self._known)
+        matrix = flat.T @ flat + self._known
+        self._covariance = inverse_positive(matrix)
         self._products = self._rows @ self._covariance
         self._counts, self._updates = counts, 0
 

@@ -24,7 +24,9 @@ def state_builtin_names(
 
 def builtin_keys(robot: Mapping) -> Mapping:
     """Keys of robot.toml of an arm; of a built-in one those of its file, or as they are where nobody stated them."""
-    return _stated_keys[0](robot) if "builtin" in robot and _stated_keys else robot
+    if "builtin" in robot and _stated_keys:
+        return _stated_keys[0](robot)
+    return robot
 
 
 def _plain(name: str) -> str:

@@ -28,7 +28,9 @@ def file_and_tip(name: str | PathLike) -> tuple[Path, str | None]:
 def description_keys(name: str | PathLike) -> dict[str, str]:
     """{"urdf": file}, with "tip" where FILE#LINK names it, as `robot_model.load_robot` takes it."""
     file, tip = file_and_tip(name)
-    return {"urdf": str(file)} if tip is None else {"urdf": str(file), "tip": tip}
+    if tip is None:
+        return {"urdf": str(file)}
+    return {"urdf": str(file), "tip": tip}
 
 
 def is_robot_file(name: str | PathLike) -> bool:

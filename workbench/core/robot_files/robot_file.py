@@ -64,14 +64,18 @@ class Joint(Section):
     def revolutions(self) -> float:
         """Return revolutions of the motor per revolution of the joint, or of the screw per mm; nan if not stated."""
         if self.kind == "prismatic":
-            return np.nan if self.pitch_mm is None else 1 / self.pitch_mm
+            if self.pitch_mm is None:
+                return np.nan
+            return 1 / self.pitch_mm
         return np.nan if self.gear_ratio is None else self.gear_ratio
 
     @property
     def limits(self) -> list[float]:
         """[low, high] rad or mm, nan where the file states none."""
         found = self.limits_mm if self.kind == "prismatic" else self.limits_deg
-        return [np.nan, np.nan] if found is None else [limit * self.unit for limit in found]
+        if found is None:
+            return [np.nan, np.nan]
+        return [limit * self.unit for limit in found]
 
 
 class RobotFile(Section):
@@ -124,7 +128,8 @@ def _most_helpful(errors: list[dict]) -> dict:
     for error in errors:
         if error["type"] == "extra_forbidden":
             *section, name = error["loc"]
-            if closest_key(name, [key for *place, key in missing if place == section]):
+            known = [key for *place, key in missing if place == section]
+            if closest_key(name, known):
                 return error
     return errors[0]
 
@@ -157,7 +162,10 @@ def _place(path: tuple) -> tuple[str, list[str]]:
 
 def _known(place: str, names: list[str]) -> list[str]:
     sections = {"coupled": Coupled, "payload": Payload, "base": Placement, "flange": Placement}
-    section = sections[names[0]] if len(names) > 1 else Joint if place else RobotFile
+    if len(names) > 1:
+        section = sections[names[0]]
+    else:
+        section = Joint if place else RobotFile
     return list(section.model_fields)
 
 

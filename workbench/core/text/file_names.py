@@ -36,7 +36,9 @@ def file_name(identifier: str, encode_capitals: bool = False) -> str:
     if _DEVICE.fullmatch(identifier):
         encoded[0] = _escape(identifier[0])
     name = "".join(encoded)
-    return name if len(name) <= LONGEST else _shorten(name, identifier)
+    if len(name) <= LONGEST:
+        return name
+    return _shorten(name, identifier)
 
 
 def differ_in_case_only(identifiers: Iterable[str]) -> frozenset[str]:

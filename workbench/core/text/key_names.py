@@ -36,7 +36,10 @@ def closest_key(name: str, known: Iterable[str], similarity: float = 0.75) -> st
     of the field (`centre_mm` for `com_mm`); the key with the most similar spelling, from `similarity` (0 to 1) on.
     """
     known = list(known)
-    with_unit = known if name.endswith(UNITS) else [key for key in known if key.endswith(UNITS)]
+    if name.endswith(UNITS):
+        with_unit = known
+    else:
+        with_unit = [key for key in known if key.endswith(UNITS)]
     word = name.split("_")[0]
     same_word = [key for key in with_unit if key.split("_")[0] == word]
     if same_word:

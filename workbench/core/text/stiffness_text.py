@@ -56,8 +56,14 @@ def stiffness_text(row: Mapping) -> str:
         return f"{_fixed_point(row['stiffness'], row['stiffness_std'])} N m/rad"
     if not row["clear"] and row["std"] is None:
         return "not determined"
-    unit, factor = ("mrad", 1e3) if row["unit"] == "rad" else ("µrad/(N m)", 1e6)
-    spread = "" if row["std"] is None else f" ± {row['std'] * factor:.2g}"
+    if row["unit"] == "rad":
+        unit, factor = "mrad", 1e3
+    else:
+        unit, factor = "µrad/(N m)", 1e6
+    if row["std"] is None:
+        spread = ""
+    else:
+        spread = f" ± {row['std'] * factor:.2g}"
     note = "" if row["clear"] else ", not significant"
     return f"{row['value'] * factor:.3g}{spread} {unit}{note}"
 
@@ -70,5 +76,8 @@ def _fixed_point(value: float, std: float | None) -> str:
     digits = 2 if std is None else 1
     decimals = digits - math.floor(math.log10(float(f"{size:.{digits}e}")))
     shown = max(decimals, 0)
-    spread = "" if std is None else f" ± {round(std, decimals):,.{shown}f}"
+    if std is None:
+        spread = ""
+    else:
+        spread = f" ± {round(std, decimals):,.{shown}f}"
     return f"{round(value, decimals):,.{shown}f}{spread}"

@@ -109,7 +109,10 @@ def _check_values(value) -> None:
             if depth > _DEPTH:
                 raise ContentError("values are nested too deeply")
             seen.add(id(item))
-            children = [*item.keys(), *item.values()] if isinstance(item, dict) else item
+            if isinstance(item, dict):
+                children = [*item.keys(), *item.values()]
+            else:
+                children = item
             pending.extend((child, depth + 1) for child in children)
 
 
