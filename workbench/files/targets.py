@@ -22,6 +22,8 @@ from workbench.core.rigid import transform
 from workbench.core.text.csv_text import csv_text
 
 LIMIT_SLACK = 1e-6
+CORRECTION_COLUMNS = ("correction_mm", "expanded_uncertainty_mm", "reached", "refused")
+"""Columns of a corrected table, by which it is recognised."""
 
 
 @dataclass(frozen=True)

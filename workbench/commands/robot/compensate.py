@@ -158,6 +158,7 @@ def _write_page(folder: Path, arm, programme, found, result) -> None:
 
 def _read_targets(arm, targets: Path, mapping, start, force: bool):
     """The programme and sentences on its configurations. Raises InputError, also for a unit that cannot be."""
+    from workbench.files.corrected_targets import check_uncorrected
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensation.stated_configuration import configured
     from workbench.jobs.robot.compensation.target_units import check_units
@@ -165,6 +166,7 @@ def _read_targets(arm, targets: Path, mapping, start, force: bool):
 
     programme = read_programme(targets, arm.robot, mapping)
     if not force:
+        check_uncorrected(programme, targets)
         check_units(arm, programme)
     programme, late = targets_on_session_clock(arm, programme)
     programme, stated = configured(programme, arm, start)

@@ -218,22 +218,14 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     from robot_model.state import sliding
     from workbench.files.exports.check import check_program
     from workbench.files.exports.programs import Program, program_text
-    from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensation.correction_limits import (
         Limits,
         covariates_of,
         judge_targets,
     )
-    from workbench.jobs.robot.compensation.stated_configuration import configured
-    from workbench.jobs.robot.compensation.target_units import check_units
     from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
-    from workbench.jobs.robot.session_clock import targets_on_session_clock
 
-    programme = read_programme(options.targets, arm.robot, options.map)
-    if not options.force:
-        check_units(arm, programme)
-    programme, late = targets_on_session_clock(arm, programme)
-    programme, said = configured(programme, arm, options.start)
+    programme, said = _targets(arm, options)
     covariates = covariates_of(arm, programme)
     found = compensate_programme(arm, programme, covariates)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
@@ -248,7 +240,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
-    notes = (largest, *said, *late, *_configuration_notes(arm, programme, found))
+    notes = (largest, *said, *_configuration_notes(arm, programme, found))
     own_target_program = _own_program(arm, to, options, found, back)
     if own_target_program is not None:
         return ArmExport({file: own_target_program[0]}, [], (*notes, own_target_program[1]))
@@ -264,6 +256,23 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     back()
     check_program(program, text, to)
     return ArmExport({file: text}, [], notes)
+
+
+def _targets(arm, options: ArmOptions):
+    """The targets, and sentences on their configurations and times. Raises InputError."""
+    from workbench.files.corrected_targets import check_uncorrected
+    from workbench.files.targets import read_programme
+    from workbench.jobs.robot.compensation.stated_configuration import configured
+    from workbench.jobs.robot.compensation.target_units import check_units
+    from workbench.jobs.robot.session_clock import targets_on_session_clock
+
+    programme = read_programme(options.targets, arm.robot, options.map)
+    if not options.force:
+        check_uncorrected(programme, options.targets)
+        check_units(arm, programme)
+    programme, late = targets_on_session_clock(arm, programme)
+    programme, stated = configured(programme, arm, options.start)
+    return programme, (*stated, *late)
 
 
 def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes, str] | None:

@@ -15,7 +15,9 @@ from workbench.core.errors import InputError
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 _AXES, _MOST_EXTERNAL = 6, 6
-_HEAD = "Corrected targets of {arm}; held-out RMS position error of the calibration {error:.4g} mm."
+HEAD_START = "Corrected targets of"
+"""Begins the head of each program, by which corrected targets are recognised."""
+_HEAD = HEAD_START + " {arm}; held-out RMS position error of the calibration {error:.4g} mm."
 _CHECK = "Check the program at reduced speed: the correction changes every joint."
 
 
