@@ -38,18 +38,13 @@ class Family:
     @property
     def precision(self) -> np.ndarray:
         """(L,) 1 / prior^2, 0 where there is none."""
-        if self.prior is None:
-            return np.zeros(self.length)
-        return np.asarray(self.prior, float) ** -2
+        return np.zeros(self.length) if self.prior is None else np.asarray(self.prior, float) ** -2
 
     def table(self) -> list[Parameter]:
         """One free parameter a number, keys `<family>-<group>.<name>`, groups from 0."""
         names = self.names or tuple(str(k) for k in range(self.length))
         units = self.units or ("",) * self.length
-        if self.prior is None:
-            priors = [None] * self.length
-        else:
-            priors = [float(p) for p in self.prior]
+        priors = [None] * self.length if self.prior is None else [float(p) for p in self.prior]
         label = f"{{}} of {self.name} {{}}"
         return [
             Parameter(
@@ -85,15 +80,13 @@ def tiles_of(labels: Mapping[str, np.ndarray], n: int) -> Tiles:
     if not labels:
         labels = {"": np.zeros(n, int)}
     sizes = [int(label.max(initial=0)) + 1 for label in labels.values()]
-    if len(labels) != 1:
-        code = np.ravel_multi_index(list(labels.values()), sizes)
-    else:
-        code = next(iter(labels.values()))
+    code = (
+        np.ravel_multi_index(list(labels.values()), sizes)
+        if len(labels) != 1
+        else next(iter(labels.values()))
+    )
     samples = np.arange(n)
-    if (code[1:] >= code[:-1]).all():
-        order = samples
-    else:
-        order = np.argsort(code, kind="stable")
+    order = samples if (code[1:] >= code[:-1]).all() else np.argsort(code, kind="stable")
     ordered = code if order is samples else code[order]
     new = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
     counts = np.diff(new, append=n)
@@ -292,8 +285,7 @@ class Part:
             else:
                 place = _Place(blocks, self.layout, name, self.tiles.groups[name])
                 np.add.at(dense, (groups[:, None], place.columns(name, place.groups)), family_sums)
-        pull = np.bincount(groups, sums[-1], len(x))
-        blocks.take_off(dense, x, pull, factor)
+        blocks.take_off(dense, x, np.bincount(groups, sums[-1], len(x)), factor)
 
     def _grams(self, rows, free):
         """(C, families' lengths, K + 1) Gram matrix of each combination of groups."""
@@ -302,9 +294,11 @@ class Part:
             shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0)
             for j in range(rows.shape[1])
         )
-        if len(self.tiles.start) == len(grams):
-            return grams
-        return np.add.reduceat(grams, self.tiles.start)
+        return (
+            grams
+            if len(self.tiles.start) == len(grams)
+            else np.add.reduceat(grams, self.tiles.start)
+        )
 
     def _add_families(self, blocks, grams, free):
         spans = {}

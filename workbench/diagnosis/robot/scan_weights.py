@@ -20,8 +20,7 @@ _RATIOS = np.append(0.0, np.geomspace(1e-2, 1e6, 60))
 
 def with_roots(scans: Recording, roots: np.ndarray) -> Recording:
     """The recording of scans with other roots (n, 3, 3)."""
-    columns = dict(scans.columns) | dict(zip(ROOT, roots.reshape(-1, 9).T))
-    return replace(scans, columns=columns)
+    return replace(scans, columns=dict(scans.columns) | dict(zip(ROOT, roots.reshape(-1, 9).T)))
 
 
 def roots_of(scans: Recording) -> np.ndarray:
