@@ -565,9 +565,9 @@ def export(
 
     A calibrated arm goes to urdf (your own file with corrected origins, where there is one), mjcf,
     python (one module that needs numpy alone), ros (kinematics of a Universal Robots arm),
-    urscript, krl, rapid and fanuc (a program with corrected `targets`), mdh-json and mdh-csv. A
-    camera or the camera of a scanner goes to ros, opencv and kalibr; a hand-eye transform to ros: a
-    static transform and a launch file that publishes it.
+    urscript, krl, rapid and fanuc (a program in which the `targets` are corrected), mdh-json and
+    mdh-csv. A camera or the camera of a scanner goes to ros, opencv and kalibr; a hand-eye
+    transform to ros: a static transform and a launch file that publishes it.
 
     Args:
         source: Run folder, solution.json, camera.toml, scanner.toml or hand-eye.toml.
