@@ -24,10 +24,10 @@ LEAST_NOISE = 1e-6
 """px or mm: no sensor is better, and residuals of exactly zero are those of made-up data."""
 _ROUNDS = 6
 _INNER = 100
-_STILL = 0.01  # of a sigma: far below what a few poses know a sigma to
+_CONVERGED = 0.01  # of a sigma: far below what a few poses know a sigma to
 _LEVEL = 1e-3  # how often a set without a blunder has a pose called one (Baarda's choice): poses are dear
-_MOST = 1e3  # typical sizes of a pose's error: beyond it the poses are nonsense, and no number says more
-_FAR = 10.0  # typical sizes that a step without a pose may move
+_LARGEST_SPREAD = 1e3  # typical sizes of a pose's error: beyond it the poses are nonsense, and no number says more
+_LONGEST_STEP = 10.0  # typical sizes that a step without a pose may move
 _ROUNDING = 1e-13  # of a sum of squares that is a difference of large ones
 _FLOOR = 1e-4  # squared, of a typical size: keeps what is undetermined where it is (`hand_eye_known` takes it out)
 
@@ -107,7 +107,7 @@ def adjust(chain, parameters: Parameters, variances: Variances, equal: bool = Fa
         moved = np.abs(
             np.log([variances.noise / before.noise, *(variances.spread / before.spread)])
         ).max()
-        if moved < _STILL or equal:
+        if moved < _CONVERGED or equal:
             break
     linear = _linear(chain, model_grams, parameters, variances, equal)
     errors = linear.errors if equal else errors
@@ -123,7 +123,9 @@ def _solved(chain, parameters, variances, equal):
     if equal:  # noise as large as what one sample is wrong by, so that priors are not drowned
         total_sigma = float(np.hypot(variances.noise, np.sqrt((variances.spread**2).sum())))
         return solve_bundle([Model(replace(chain, noise=total_sigma))], parameters, eliminate=None)
-    family = Family(POSE, np.zeros_like(chain.errors), size, _each(chain, variances.spread))
+    family = Family(
+        POSE, np.zeros_like(chain.errors), size, _component_sigma(chain, variances.spread)
+    )
     return solve_bundle(
         [Model(replace(chain, noise=variances.noise))], parameters, {POSE: family}, POSE
     )
@@ -131,10 +133,12 @@ def _solved(chain, parameters, variances, equal):
 
 def _linear(chain, model_grams, parameters, variances, equal):
     solve = solve_equal if equal else solve_linear
-    return solve(model_grams, parameters, variances.noise, _each(chain, variances.spread))
+    return solve(
+        model_grams, parameters, variances.noise, _component_sigma(chain, variances.spread)
+    )
 
 
-def _each(chain, spread):
+def _component_sigma(chain, spread):
     """(L,) sigma of each number of a pose's error."""
     return np.concatenate(
         [np.full(g.components.stop - g.components.start, s) for g, s in zip(chain.groups, spread)]
@@ -170,13 +174,13 @@ def restricted_likelihood(
     noise = start.noise
     spread = np.array(start.spread)
     for _ in range(_INNER):
-        linear = solve_linear(model_grams, parameters, noise, _each(chain, spread))
+        linear = solve_linear(model_grams, parameters, noise, _component_sigma(chain, spread))
         before = np.array([noise, *spread])
         noise = np.clip(
             np.sqrt(linear.squares / linear.degrees), max(noise / 3, LEAST_NOISE), 3 * noise
         )
         spread = np.array([_component(linear, group, s) for group, s in zip(chain.groups, spread)])
-        if np.abs(np.log(np.array([noise, *spread]) / before)).max() < _STILL / 10:
+        if np.abs(np.log(np.array([noise, *spread]) / before)).max() < _CONVERGED / 10:
             break
     return Variances(float(noise), spread)
 
@@ -193,7 +197,11 @@ def _component(linear, group, sigma):
     known = count - trace / sigma**2
     after = square / known if known > 1e-3 * count else (square + trace) / count
     return float(
-        np.clip(np.sqrt(after), max(sigma / 3, group.least), min(3 * sigma, _MOST * group.typical))
+        np.clip(
+            np.sqrt(after),
+            max(sigma / 3, group.min_sigma),
+            min(3 * sigma, _LARGEST_SPREAD * group.typical),
+        )
     )
 
 
@@ -233,7 +241,9 @@ def solve_linear(model_grams, parameters: Parameters, noise: float, sigma: np.nd
 
 def solve_restricted(chain, model_grams, parameters: Parameters, variances: Variances) -> Linear:
     """`solve_linear` with the variances of the groups of a chain."""
-    return solve_linear(model_grams, parameters, variances.noise, _each(chain, variances.spread))
+    return solve_linear(
+        model_grams, parameters, variances.noise, _component_sigma(chain, variances.spread)
+    )
 
 
 def _sum_of_squares(grams: np.ndarray, change: np.ndarray, errors: np.ndarray) -> float:
@@ -309,7 +319,7 @@ def with_held_camera(adjusted: Adjusted, modes: np.ndarray) -> Adjusted:
     parameters = replace(chain.parameters, values=values).only(is_free)
     errors = {POSE: adjusted.errors}
     model_grams = grams(chain.with_families(errors), parameters)
-    spread = _each(chain, adjusted.variances.spread)
+    spread = _component_sigma(chain, adjusted.variances.spread)
     normal = solve_linear(model_grams, parameters, adjusted.variances.noise, spread).normal
     linear = adjusted.linear
     size = int(old.mask.sum())
@@ -332,9 +342,9 @@ def leave_out(adjusted: Adjusted, pose: int, full) -> LeftOut:
         others = without_pose(model_grams, pose)
         variances = restricted_likelihood(chain, others, parameters, variances)
         linear = _linear(chain, others, parameters, variances, adjusted.equal)
-        far = np.abs(linear.change / parameters.typical[parameters.mask]).max()
+        step_length = np.abs(linear.change / parameters.typical[parameters.mask]).max()
         parameters = parameters.unpack(
-            parameters.pack() + linear.change * min(1, _FAR / max(far, 1e-300))
+            parameters.pack() + linear.change * min(1, _LONGEST_STEP / max(step_length, 1e-300))
         )
         model_grams = grams(chain.with_families({POSE: linear.errors}), parameters)
     return LeftOut(parameters.values, *_distance(chain, model_grams, pose, linear, variances))
@@ -359,7 +369,7 @@ def _distance(chain, model_grams, pose, linear, variances):
     group_block = gram[size:-1, size:-1]
     cross = gram[size:-1, :size]
     right_side = gram[size:-1, -1]
-    spread = np.diag(_each(chain, variances.spread) ** 2)
+    spread = np.diag(_component_sigma(chain, variances.spread) ** 2)
     covariance = (
         variances.noise**2 * group_block
         + group_block @ spread @ group_block
@@ -373,12 +383,12 @@ def _distance(chain, model_grams, pose, linear, variances):
     if not numbers:  # nothing measured at this pose bears on what is adjusted
         return 0.0, 0, 1.0
     others = int((model_grams[1] > 0).sum()) - 1
-    rest = max(numbers * others - size, 1)
-    return squared, numbers, float(f.sf(squared / numbers, numbers, rest))
+    degrees_of_freedom = max(numbers * others - size, 1)
+    return squared, numbers, float(f.sf(squared / numbers, numbers, degrees_of_freedom))
 
 
 def find_blunders(
-    chain, parameters: Parameters, variances: Variances, most: int, equal: bool = False
+    chain, parameters: Parameters, variances: Variances, max_count: int, equal: bool = False
 ):
     """Adjustment without blunders, every pose left out once, and the poses left out for good.
 
@@ -393,13 +403,17 @@ def find_blunders(
         full = grams(remaining.with_families({POSE: adjusted.errors}), adjusted.parameters)
         seen = {k: leave_out(adjusted, k, full) for k in np.unique(remaining.pose).tolist()}
         worst = min(seen, key=lambda k: seen[k].chance)
-        if seen[worst].chance > _LEVEL / len(seen) or len(blunders) >= most:
-            return adjusted, {**seen, **_again(chain, adjusted, blunders)}, tuple(sorted(blunders))
+        if seen[worst].chance > _LEVEL / len(seen) or len(blunders) >= max_count:
+            return (
+                adjusted,
+                {**seen, **_blunders_at_solution(chain, adjusted, blunders)},
+                tuple(sorted(blunders)),
+            )
         blunders[worst] = seen[worst]
         parameters = replace(parameters, values=seen[worst].values)
 
 
-def _again(chain, adjusted, blunders):
+def _blunders_at_solution(chain, adjusted, blunders):
     """The poses left out for good, seen from the final adjustment."""
     model_grams = grams(chain, adjusted.parameters) if blunders else None
     return {

@@ -19,7 +19,7 @@ from workbench.core.parameters import Parameter, Parameters
 from workbench.core.profiler_start import start_rotations
 from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
 
-_LEAST = 4
+_MIN_POSES = 4
 _STARTS = 12
 _FIRST_STEPS = 6
 _RETAINED = 3
@@ -51,9 +51,9 @@ def hand_eye_from_centres(
     fewer than four poses.
     """
     flange = checked_flange(centres.flange, "ball centres")
-    if centres.points.shape[1] < _LEAST:
+    if centres.points.shape[1] < _MIN_POSES:
         raise InputError(
-            f"ball centres: expected at least {_LEAST} poses, found {centres.points.shape[1]}; take more, with "
+            f"ball centres: expected at least {_MIN_POSES} poses, found {centres.points.shape[1]}; take more, with "
             "rotations about two axes"
         )
     solution = _solve(centres.points, flange, centres.ball)
@@ -75,10 +75,11 @@ class _Solution:
 def _solve(points, flange, ball) -> _Solution:
     rotations = start_rotations()
     best = np.argsort(_start_costs(rotations, points, flange, ball))[:_STARTS]
-    near = [_descend(rotations[k], points, flange, ball, _FIRST_STEPS) for k in best]
-    near.sort(key=_squares)
+    candidates = [_descend(rotations[k], points, flange, ball, _FIRST_STEPS) for k in best]
+    candidates.sort(key=_squares)
     solutions = [
-        _descend(solution.rotation, points, flange, ball, _STEPS) for solution in near[:_RETAINED]
+        _descend(solution.rotation, points, flange, ball, _STEPS)
+        for solution in candidates[:_RETAINED]
     ]
     return min(solutions, key=_squares)
 
@@ -154,7 +155,7 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
     n = centres.points.shape[1]
     degrees = max(3 * n - rows.shape[1], 1)
     variance = float((solution.residual**2).sum()) / degrees
-    covariance, loose = _covariance(rows, variance)
+    covariance, undetermined = _covariance(rows, variance)
     held_out = _held_out(solution.residual, rows)
     keys = [f"sensor.{name}" for name in _NAMES] + [f"target.{name}" for name in "xyz"]
     values = np.concatenate(
@@ -190,7 +191,7 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
             PoseRow(k, float(residual_norm[k]), float(held_out[k]), 0.0, 0.0, float("nan"), False)
             for k in range(n)
         ),
-        undetermined=loose,
+        undetermined=undetermined,
         suspicions=(),
         outcome="converged" if solution.converged else "not converged",
         converged=solution.converged,
@@ -212,18 +213,22 @@ def _covariance(rows, variance) -> tuple[np.ndarray, tuple[str, ...]]:
     """Covariance of rotation (rad), shift and places (mm); inf with a sentence for what is not determined."""
     scale = _scale(rows)
     values, vectors = symmetric_eigen((rows / scale).T @ (rows / scale))
-    loose = values < _UNDETERMINED * values.max()
-    inverse = np.where(loose, 0.0, 1 / np.where(loose, 1.0, values))
+    is_undetermined = values < _UNDETERMINED * values.max()
+    inverse = np.where(is_undetermined, 0.0, 1 / np.where(is_undetermined, 1.0, values))
     covariance = (vectors * inverse) @ vectors.T * variance / np.outer(scale, scale)
-    hidden = ((vectors[:, loose] ** 2).sum(1) > 1e-6) if loose.any() else np.zeros(len(scale), bool)
+    hidden = (
+        ((vectors[:, is_undetermined] ** 2).sum(1) > 1e-6)
+        if is_undetermined.any()
+        else np.zeros(len(scale), bool)
+    )
     covariance[hidden, hidden] = np.inf
     if not hidden.any():
         return covariance, ()
     names = [("rotation", "shift")[k] for k in range(2) if hidden[3 * k : 3 * k + 3].any()]
-    what = " and ".join(names) if names else "place of the ball"
+    subject = " and ".join(names) if names else "place of the ball"
     return covariance, (
-        f"{what} of the sensor: not determined in {int(loose.sum())} directions, because the flange rotates too "
-        "little or about one axis only; add poses with rotations about two axes",
+        f"{subject} of the sensor: not determined in {int(is_undetermined.sum())} directions, because the flange "
+        "rotates too little or about one axis only; add poses with rotations about two axes",
     )
 
 

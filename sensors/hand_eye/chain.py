@@ -43,7 +43,7 @@ class Group:
     unit: str
     components: slice
     typical: float
-    least: float
+    min_sigma: float
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ class Evaluation:
         return self.pose
 
 
-def pose_table(where: str, what: str) -> list[Parameter]:
-    """Six parameters of the pose of `what`: mm, and a rotation vector in rad."""
+def pose_table(where: str, body: str) -> list[Parameter]:
+    """Six parameters of the pose of `body`: mm, and a rotation vector in rad."""
     return [
-        Parameter(f"{where}.{name}", unit, 0.0, PLACE if unit == "mm" else TURN, f"{what}: {words}")
+        Parameter(f"{where}.{name}", unit, 0.0, PLACE if unit == "mm" else TURN, f"{body}: {words}")
         for (name, unit), words in zip(_TURNS.items(), _WORDS)
     ]
 
@@ -263,10 +263,10 @@ class BallChain:
         centre = self.centres(values)
         seen = self._seen(values)
         cut = np.sqrt(np.maximum(values[9] ** 2 - centre[:, 1] ** 2, (_LEAST_CUT * values[9]) ** 2))
-        towards = seen - centre[self.pose][:, [0, 2]].T
-        length = np.hypot(*towards)
+        from_centre = seen - centre[self.pose][:, [0, 2]].T
+        length = np.hypot(*from_centre)
         by_centre = np.stack(
-            [towards[0] / length, -(centre[:, 1] / cut)[self.pose], towards[1] / length]
+            [from_centre[0] / length, -(centre[:, 1] / cut)[self.pose], from_centre[1] / length]
         )
         by_flange = rotation @ by_centre  # along the flange's axes, still by the ball's centre
         by_base = np.einsum("nij,jn->in", self.flange[self.pose, :3, :3], by_flange)
@@ -286,8 +286,8 @@ class BallChain:
     def distances(self, values: np.ndarray) -> np.ndarray:
         """(n,) mm, of the points from the surface of the ball, outside positive, robot held exact."""
         centre = replace(self, errors=np.zeros_like(self.errors)).centres(values)[self.pose]
-        across, along = self._seen(values) - centre[:, [0, 2]].T
-        return np.sqrt(across**2 + along**2 + centre[:, 1] ** 2) - values[9]
+        lateral, axial = self._seen(values) - centre[:, [0, 2]].T
+        return np.sqrt(lateral**2 + axial**2 + centre[:, 1] ** 2) - values[9]
 
     def _seen(self, values):
         """(2, n) points with the scale of z put right: the profiler reads (1 + scale) times the true z."""

@@ -58,7 +58,7 @@ def find_circles(
     for _ in range(_STEPS):
         centre, radius = fit_circles(flat, label, used, names)
         gap = _gaps(flat, label, centre, radius)
-        is_inlier = _within(gap, label, used, count) & ~_ragged_ends(
+        is_inlier = _within_robust_spread(gap, label, used, count) & ~_ragged_ends(
             flat, label, used, centre, gap, count
         )
         if (is_inlier == used).all():
@@ -89,9 +89,9 @@ def fit_circles(flat, label, used, names) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(_STEPS):
         from_centre = points - centre[:, profile]
         length = np.hypot(*from_centre)
-        along = from_centre / length
+        radial = from_centre / length
         gap = length - radius[profile]
-        step = solved_by_label([*along, np.ones_like(gap)], gap, profile, count).T
+        step = solved_by_label([*radial, np.ones_like(gap)], gap, profile, count).T
         centre = centre + step[:2]
         radius = radius + step[2]
         if np.abs(step).max() < 1e-10:
@@ -102,10 +102,10 @@ def fit_circles(flat, label, used, names) -> tuple[np.ndarray, np.ndarray]:
 def _refuse_too_few(profile: np.ndarray, names) -> None:
     """Raise InputError where a profile has too few points for a circle."""
     number = np.bincount(profile, minlength=len(names))
-    few = int(np.argmin(number))
-    if number[few] < _FEWEST:
+    smallest = int(np.argmin(number))
+    if number[smallest] < _FEWEST:
         raise InputError(
-            f"{names[few]}: expected at least {_FEWEST} points on one circle, found {number[few]}; "
+            f"{names[smallest]}: expected at least {_FEWEST} points on one circle, found {number[smallest]}; "
             "take the profile out or aim at the ball"
         )
 
@@ -119,12 +119,12 @@ def _noise(flat, label, count):
 
     The median over profiles: a profile full of clutter does not set it.
     """
-    inside = label[2:] == label[:-2]
-    bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[inside] / np.sqrt(6)
+    is_same_profile = label[2:] == label[:-2]
+    bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[is_same_profile] / np.sqrt(6)
     spreads = [
-        MEDIAN_TO_SIGMA * np.median(np.abs(bend[label[2:][inside] == k]))
+        MEDIAN_TO_SIGMA * np.median(np.abs(bend[label[2:][is_same_profile] == k]))
         for k in range(count)
-        if (label[2:][inside] == k).any()
+        if (label[2:][is_same_profile] == k).any()
     ]
     return max(float(np.median(spreads)), 1e-4) if spreads else 1e-4
 
@@ -150,8 +150,8 @@ def _consensus(flat, noise, largest, name):
     thin = flat[:, :: max(flat.shape[1] // 400, 1)]  # enough to rank circles by
     gap = np.hypot(thin[0, :, None] - centre[0], thin[1, :, None] - centre[1]) - radius
     best = int(np.argmin(np.minimum((gap / (4 * noise)) ** 2, 1).sum(0)))
-    near = np.abs(np.hypot(*(flat - centre[:, best, None])) - radius[best])
-    return near < 6 * noise
+    distance = np.abs(np.hypot(*(flat - centre[:, best, None])) - radius[best])
+    return distance < 6 * noise
 
 
 def _through(a, b, c):
@@ -168,7 +168,7 @@ def _through(a, b, c):
     return a + from_a, np.hypot(*from_a)
 
 
-def _within(gap, label, used, count):
+def _within_robust_spread(gap, label, used, count):
     """(n,) True within 3.5 sigma of each profile's own robust spread."""
     spread = np.array(
         [MEDIAN_TO_SIGMA * np.median(np.abs(gap[used & (label == k)])) for k in range(count)]
@@ -181,9 +181,9 @@ def _ragged_ends(flat, label, used, centre, gap, count):
     angle = _angles_from_middle(flat - centre[:, label], label, used, count)
     is_ragged = np.zeros(len(label), bool)
     for k in range(count):
-        mine = np.flatnonzero(label == k)
-        first, last = _calm_range(angle[mine], gap[mine], used[mine])
-        is_ragged[mine] = (angle[mine] < first) | (angle[mine] > last)
+        points = np.flatnonzero(label == k)
+        first, last = _calm_range(angle[points], gap[points], used[points])
+        is_ragged[points] = (angle[points] < first) | (angle[points] > last)
     return is_ragged
 
 
@@ -194,25 +194,25 @@ def _calm_range(angle, gap, used) -> tuple[float, float]:
     equally many points, whatever their distance on the arc.
     """
     order = np.argsort(angle[used], kind="stable")
-    along, square = angle[used][order], gap[used][order] ** 2
-    starts = _starts_of_wide_cells(along)
-    number = np.diff(np.append(starts, len(along)))
+    sorted_angle, square = angle[used][order], gap[used][order] ** 2
+    starts = _starts_of_wide_cells(sorted_angle)
+    number = np.diff(np.append(starts, len(sorted_angle)))
     if len(starts) < 2 or np.median(number) < _POINTS_OF_CELL:
-        size = max(_POINTS_OF_CELL, -(-len(along) // _BINS))
-        starts = np.arange(0, max(len(along) - size + 1, 1), size)
-    ends = np.append(starts[1:], len(along))  # the last cell takes the remainder
+        size = max(_POINTS_OF_CELL, -(-len(sorted_angle) // _BINS))
+        starts = np.arange(0, max(len(sorted_angle) - size + 1, 1), size)
+    ends = np.append(starts[1:], len(sorted_angle))  # the last cell takes the remainder
     rms = np.sqrt(np.add.reduceat(square, starts) / (ends - starts))
-    has_noise = ends - starts >= min(_LEAST_POINTS, len(along))
+    has_noise = ends - starts >= min(_LEAST_POINTS, len(sorted_angle))
     calm = np.flatnonzero(has_noise & (rms < _NOISY * np.median(rms[has_noise])))
     if not len(calm):
         return -np.inf, np.inf
     # what an earlier step has cut beyond these ends stays cut
-    return along[starts[calm[0]]], along[ends[calm[-1]] - 1]
+    return sorted_angle[starts[calm[0]]], sorted_angle[ends[calm[-1]] - 1]
 
 
-def _starts_of_wide_cells(along):
-    """Numbers of the first points of the cells of equal width (rad) that have points; along: sorted angles."""
-    cell = np.floor(along / _CELL_RAD)
+def _starts_of_wide_cells(sorted_angle):
+    """Numbers of the first points of the cells of equal width (rad) that have points; sorted_angle: ascending."""
+    cell = np.floor(sorted_angle / _CELL_RAD)
     return np.flatnonzero(np.diff(cell, prepend=-np.inf))
 
 

@@ -37,7 +37,7 @@ __all__ = ["HandEye", "PoseRow", "hand_eye_from_views"]
 KINDS = ("in-hand", "to-hand")
 _SCALE = "target.scale"
 # Standard deviations of a camera from the same images, as a multiple of its own: the images enter the adjustment once.
-_LOOSE = 10.0
+_SHARED_IMAGES_FACTOR = 10.0
 _SURE = 2.0  # sigmas from one before the board's scale is tried
 _CERTAIN = 3.0  # sigmas from one that keep the scale where the other poses do not contradict it
 _PAIRED_T = 2.0  # of the reduction of the squared held-out error, paired over the poses
@@ -79,7 +79,7 @@ def hand_eye_from_views(
     camera, covariance = _camera(camera, camera_covariance)
     views = _same_way_round(views, board, points, camera, flange, kind)
     if from_same_images:
-        covariance = _LOOSE**2 * covariance
+        covariance = _SHARED_IMAGES_FACTOR**2 * covariance
     chain = _chain(views, points, camera, flange, kind, covariance)
     seen = board_poses(chain.board, chain.pixels, chain.pose, camera)
     start, misfit = start_from_boards(flange, seen, points, kind)
@@ -89,10 +89,10 @@ def hand_eye_from_views(
     first = Variances(_noise(chain, seen), np.array([misfit, misfit / _reach(seen)]))
     reviewed = reviewed or review_views(views, board, (camera, points), flange, kind)
     suspicions = reviewed.sentences
-    most = (
+    max_blunders = (
         0 if reviewed.certain else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
-    found, notes = _best(chain, parameters, first, most, not suspicions)
+    found, notes = _best(chain, parameters, first, max_blunders, not suspicions)
     dependence = None if conditions is None else camera_dependence(found[0], conditions)
     misfit = image_misfit(found[0], camera.size, from_same_images)
     if stated is not None:  # first: the sensitivity to the camera is that of the adjustment alone
@@ -104,19 +104,21 @@ def hand_eye_from_views(
     return replace(made, misfit=misfit, dependence=dependence)
 
 
-def _best(chain, parameters, first, most, is_scale_tried):
+def _best(chain, parameters, first, max_blunders, is_scale_tried):
     """The better result of `find_blunders`, with or without the board's scale, and the sentences on it."""
-    without_scale = find_blunders(chain, parameters, first, most)
+    without_scale = find_blunders(chain, parameters, first, max_blunders)
     adjusted = without_scale[0]
     if (
         not is_scale_tried
         or motion(chain.flange, chain.kind, adjusted.variances.spread[1]).sentences
     ):
         return without_scale, ()
-    loose = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
-    if abs(loose.parameters[_SCALE]) < _SURE * _scale_sigma(loose):
+    with_scale = adjust(adjusted.chain, adjusted.parameters.free(_SCALE), adjusted.variances)
+    if abs(with_scale.parameters[_SCALE]) < _SURE * _scale_sigma(with_scale):
         return without_scale, ()
-    scaled = find_blunders(chain, loose.parameters.free(_SCALE), loose.variances, most)
+    scaled = find_blunders(
+        chain, with_scale.parameters.free(_SCALE), with_scale.variances, max_blunders
+    )
     before, after = (_predicted(chain, found) for found in (without_scale, scaled))
     scale = scaled[0].parameters[_SCALE]
     sigma = _scale_sigma(scaled[0])
@@ -172,11 +174,13 @@ def review_views(
         camera if isinstance(camera, tuple) else (_camera(camera, None)[0], _shape(board, camera))
     )
     labellings = range(getattr(board, "rotational_symmetry", 1))
-    every = [
+    labelled_views = [
         [relabelled(view, board, labelling) for view in views] if labelling else views
         for labelling in labellings
     ]
-    chains = [_chain(labelled, points, view_camera, flange, kind, None) for labelled in every]
+    chains = [
+        _chain(labelled, points, view_camera, flange, kind, None) for labelled in labelled_views
+    ]
     seen = np.array(
         [board_poses(chain.board, chain.pixels, chain.pose, view_camera) for chain in chains]
     )
@@ -246,9 +250,9 @@ def _chain(views, points, camera, flange, kind, covariance):
     pose = np.concatenate([np.full(len(view.index), k) for k, view in enumerate(views)])
     points = np.concatenate([points[:, view.index] for view in views], 1)
     pixels = np.concatenate([view.pixels for view in views], 1).astype(float)
-    aside, lens = _shifts(views, points, pixels, pose, camera)
+    board_shift, lens = _shifts(views, points, pixels, pose, camera)
     printed = points
-    points, pixels = points + aside, pixels - lens
+    points, pixels = points + board_shift, pixels - lens
     modes = np.zeros((len(camera.values), 0)) if covariance is None else _root(covariance)
     return BoardChain(
         kind,
@@ -285,13 +289,13 @@ def _same_way_round(views, board, points, camera, flange, kind):
     labellings = getattr(board, "rotational_symmetry", 1)
     if labellings == 1:
         return views
-    every = [
+    labelled_views = [
         [relabelled(view, board, labelling) for view in views] for labelling in range(labellings)
     ]
-    chains = [_chain(labelled, points, camera, flange, kind, None) for labelled in every]
+    chains = [_chain(labelled, points, camera, flange, kind, None) for labelled in labelled_views]
     seen = np.array([board_poses(c.board, c.pixels, c.pose, camera) for c in chains])
     best = nearest_labelling(flange, seen, points, kind)
-    return [every[labelling][k] for k, labelling in enumerate(best)]
+    return [labelled_views[labelling][k] for k, labelling in enumerate(best)]
 
 
 def _pivot(pivot, chain, start, points):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.hand_eye.checks.mistakes import pose_readings
-from sensors.hand_eye.start import STILL
+from sensors.hand_eye.start import NO_ROTATION_RAD
 from workbench.core.least_squares.linear_algebra import thin_svd
 from workbench.core.profiler_start import find_start
 from workbench.core.rigid import inverse, rotation_vector, transform
@@ -16,7 +16,7 @@ _BETTER = 3.0  # how much smaller the misfit must be before another reading of t
 _POOR = 1.0  # mm; an arm repeats to hundredths and is true to tenths
 _AT_REST = 0.1  # mm; below it a translation is what an arm makes when it stands still
 _TWISTS = np.eye(6)
-_MOST = 24  # poses up to which every exchange of two is tried
+_MAX_POSES = 24  # poses up to which every exchange of two is tried
 
 
 @dataclass(frozen=True)
@@ -42,51 +42,51 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
     moved = flange if kind != "to-hand" else inverse(flange)
     motions = inverse(moved) @ moved[:1]
     vectors = rotation_vector(motions[:, :3, :3])
-    still = max(STILL, _ERRORS * spin)
+    min_rotation = max(NO_ROTATION_RAD, _ERRORS * spin)
     mount = "base" if kind == "to-hand" else "flange"
     axes = thin_svd(vectors)[2]
-    near = max(_AT_REST, _ERRORS * shift)
-    if np.linalg.norm(vectors, axis=1).max() < still and (
-        found := _short_of_translations(motions, near, mount)
+    min_translation = max(_AT_REST, _ERRORS * shift)
+    if np.linalg.norm(vectors, axis=1).max() < min_rotation and (
+        found := _short_of_translations(motions, min_translation, mount)
     ):
         return _motion(moved, *found)
-    if np.linalg.norm(vectors, axis=1).max() < still:
+    if np.linalg.norm(vectors, axis=1).max() < min_rotation:
         return _motion(
             moved,
             _TWISTS[:, :3],
             f"the flange only moved and never turned: where the sensor sits in the {mount} frame is "
             "undetermined, only how it is turned; add poses with turns about two axes",
         )
-    if np.linalg.norm(vectors - np.outer(vectors @ axes[0], axes[0]), axis=1).max() < still:
+    if np.linalg.norm(vectors - np.outer(vectors @ axes[0], axes[0]), axis=1).max() < min_rotation:
         axis = ", ".join(f"{a:+.2f}" for a in axes[0])
-        about = _fixed_line(motions, axes[0], near)
-        if about is not None:
+        rotation_about_line = _fixed_line(motions, axes[0], min_translation)
+        if rotation_about_line is not None:
             return _motion(
                 moved,
-                np.column_stack([_along(axes[0]), about]),
+                np.column_stack([_translation_along(axes[0]), rotation_about_line]),
                 f"the flange rotated about one fixed line only, of direction ({axis}) in the {mount} frame: "
                 "the sensor's position along this line and its rotation about it are undetermined; add "
                 "rotations about another axis",
             )
         return _motion(
             moved,
-            _along(axes[0])[:, None],
+            _translation_along(axes[0])[:, None],
             f"the flange turned about one axis only, ({axis}) of the {mount} frame: the sensor's position "
             "along it is undetermined; add turns about another axis",
         )
     return Motion(np.zeros((6, 0)), np.zeros((6, 0)), ())
 
 
-def _short_of_translations(motions, near, mount):
+def _short_of_translations(motions, min_translation, mount):
     """Undetermined directions, and the sentence, of a flange that never rotated and hardly moved; None otherwise."""
     places = motions[:, :3, 3]
     line = thin_svd(places)[2][0]
-    if np.linalg.norm(places, axis=1).max() < near:
+    if np.linalg.norm(places, axis=1).max() < min_translation:
         return _TWISTS, (
             f"the flange never moved: neither position nor rotation of the sensor in the {mount} frame is determined; "
             "measure at different poses, with rotations about two axes"
         )
-    if np.linalg.norm(places - np.outer(places @ line, line), axis=1).max() < near:
+    if np.linalg.norm(places - np.outer(places @ line, line), axis=1).max() < min_translation:
         axis = ", ".join(f"{a:+.2f}" for a in line)
         return np.column_stack([_TWISTS[:, :3], np.append(np.zeros(3), line)]), (
             f"the flange moved along one line only, ({axis}) of the {mount} frame, and never rotated: the sensor's "
@@ -95,16 +95,16 @@ def _short_of_translations(motions, near, mount):
     return None
 
 
-def _fixed_line(motions, axis, near):
+def _fixed_line(motions, axis, min_translation):
     """(6,) small rotation about the line that all motions leave where it is; None where there is no such line."""
     rows = (motions[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right = np.cross(axis, motions[:, :3, 3]).ravel()
     arm = np.linalg.lstsq(rows, right, rcond=1e-9)[0]
     gap = np.linalg.norm((rows @ arm - right).reshape(-1, 3), axis=1).max()
-    return np.append(arm, axis) if gap < near else None
+    return np.append(arm, axis) if gap < min_translation else None
 
 
-def _along(axis):
+def _translation_along(axis):
     """(6,) a translation along an axis."""
     return np.append(axis, np.zeros(3))
 
@@ -125,12 +125,12 @@ def readings(flange: np.ndarray, names: Sequence[str]) -> Iterator[tuple[str, np
     yield "the positions look like metres given for millimetres", transform(rotation, 1000 * place)
     yield "the positions look too large by 1000", transform(rotation, place / 1000)
     for reading in pose_readings(flange):
-        yield reading.seems, reading.flange
+        yield reading.symptom, reading.flange
     yield from _exchanged(flange, names)
 
 
 def _exchanged(flange, names):
-    if len(flange) > _MOST:
+    if len(flange) > _MAX_POSES:
         return
     for i, j in zip(*np.triu_indices(len(flange), 1)):
         order = np.arange(len(flange))

@@ -18,8 +18,8 @@ from sensors.hand_eye.uncertainty.parameter_covariance import parameter_covarian
 from workbench.core.errors import InputError
 from workbench.core.profiler_start import find_start
 
-_LEAST = 4
-_ALIKE = 1.2  # another hand-eye whose circles fit hardly worse is as good an answer
+_MIN_POSES = 4
+_AMBIGUOUS_RATIO = 1.2  # another hand-eye whose circles fit hardly worse is as good an answer
 _SCALE = "sensor.range_scale"
 
 
@@ -58,10 +58,10 @@ def hand_eye_from_profiles(
     suspicions = profile_suspicions(
         flange, names, np.concatenate([circles.centre, [circles.radius]]), radius, start.rms
     )
-    most = (
+    max_blunders = (
         0 if suspicions else len(flange) // 4
     )  # poses read wrongly are not to be taken for blunders
-    found, notes = _best(chain, parameters, first, range_scale, most)
+    found, notes = _best(chain, parameters, first, range_scale, max_blunders)
     return _result(chain, found, (*circles.why, *notes), start, circles, suspicions)
 
 
@@ -77,9 +77,9 @@ def _checked(points, pose, flange):
     finite = np.isfinite(points).all(0)
     points = points[:, finite]
     pose = pose[finite].astype(int)
-    if len(flange) < _LEAST:
+    if len(flange) < _MIN_POSES:
         raise InputError(
-            f"profiles: expected at least {_LEAST} poses, found {len(flange)}; take more, with turns "
+            f"profiles: expected at least {_MIN_POSES} poses, found {len(flange)}; take more, with turns "
             "about two axes"
         )
     empty = np.setdiff1d(np.arange(len(flange)), pose)
@@ -105,10 +105,10 @@ def _chain(flat, pose, flange, circles: Circles, start) -> BallChain:
     )
 
 
-def _best(chain, parameters, first, range_scale, most):
+def _best(chain, parameters, first, range_scale, max_blunders):
     """The better result of `find_blunders`, with or without the scale of z, and the sentences on it."""
     without_scale = (
-        None if range_scale else find_blunders(chain, parameters, first, most, equal=True)
+        None if range_scale else find_blunders(chain, parameters, first, max_blunders, equal=True)
     )
     if range_scale is False:
         return without_scale, ()
@@ -117,7 +117,7 @@ def _best(chain, parameters, first, range_scale, most):
         if without_scale is None
         else replace(parameters, values=without_scale[0].parameters.values)
     )
-    scaled = find_blunders(chain, start.free(_SCALE), first, most, equal=True)
+    scaled = find_blunders(chain, start.free(_SCALE), first, max_blunders, equal=True)
     if without_scale is None:
         return scaled, ()
     before, after = (_predicted(chain, found) for found in (without_scale, scaled))
@@ -182,12 +182,12 @@ def _result(chain, found, notes, start, circles, suspicions):
         },
         fit={
             "rms_mm": rms(exact, used),
-            "pose_rms_mm": _over(row.residual for row in inlier_rows),
+            "pose_rms_mm": _root_mean_square(row.residual for row in inlier_rows),
             "points": int(used.sum()),
         },
         held_out={
             "rms_mm": rms(held_out, used),
-            "pose_rms_mm": _over(row.held_out for row in inlier_rows),
+            "pose_rms_mm": _root_mean_square(row.held_out for row in inlier_rows),
             "folds": len(inlier_rows),
         },
         poses=rows,
@@ -207,12 +207,12 @@ def _noise(circles):
     return float(np.sqrt((circles.rms**2).mean()))
 
 
-def _over(values):
+def _root_mean_square(values):
     return float(np.sqrt(np.mean([value**2 for value in values])))
 
 
 def _ambiguous(start):
-    if start.second > _ALIKE * start.rms:
+    if start.second > _AMBIGUOUS_RATIO * start.rms:
         return ()
     return (
         f"a hand-eye turned quite otherwise fits these circles as well ({start.second:.3g} against {start.rms:.3g} "

@@ -113,15 +113,15 @@ def rms(residual: np.ndarray, chosen: np.ndarray) -> float:
 
 def held_row(pose, chain, adjusted, exact, held_out, left_out, blunder) -> PoseRow:
     """The row of one pose."""
-    mine = chain.pose == pose
+    is_of_pose = chain.pose == pose
     error = adjusted.errors[pose]
-    residual = rms(exact, mine)
-    other = rms(held_out, mine)
+    residual = rms(exact, is_of_pose)
+    other = rms(held_out, is_of_pose)
     rotation_deg = (
         float(np.degrees(np.linalg.norm(error[3:6]))) if len(error) == 6 else float("nan")
     )
     unit = "px" if len(exact) == 2 else "mm"
-    usual = rms(held_out, ~mine)
+    usual = rms(held_out, ~is_of_pose)
     why = (
         (
             f"{other:.3g} {unit} from the prediction of the other poses, "

@@ -8,7 +8,7 @@ from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_sv
 from workbench.core.rigid import inverse, nearest_rotation, rotation_vector, transform
 
 METHODS = ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")
-STILL = np.radians(0.5)  # below it a rotation is what an arm makes when it only moves
+NO_ROTATION_RAD = np.radians(0.5)  # below it a rotation is what an arm makes when it only moves
 _ROUNDED_TURN = 1e-9  # rad, far below what is recorded and far above rounding
 _FARTHEST_MM = 1e6  # farther off, the rounding of coordinates makes all boards coincide
 _NEAR_PI = np.radians(170.0)  # near pi the axis of a relative rotation has no sign
@@ -27,14 +27,14 @@ def board_poses(
 
     placed = []
     for number in range(int(pose.max()) + 1):
-        mine = pose == number
-        if mine.sum() < 4:
+        is_of_image = pose == number
+        if is_of_image.sum() < 4:
             raise InputError(
-                f"image {number}: expected at least 4 points of the board, found {mine.sum()}; "
+                f"image {number}: expected at least 4 points of the board, found {is_of_image.sum()}; "
                 "take the image out"
             )
         found = cv2.solvePnP(
-            np.ascontiguousarray(board[:, mine].T), *camera.pnp_view(pixels[:, mine])
+            np.ascontiguousarray(board[:, is_of_image].T), *camera.pnp_view(pixels[:, is_of_image])
         )
         if not found[0] or not np.isfinite(found[1]).all():
             raise InputError(
@@ -54,7 +54,7 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
     import cv2
 
     moved = flange if kind == "in-hand" else inverse(flange)
-    back = inverse(moved)
+    mount_from_target = inverse(moved)
     found = {}
     for name in METHODS:
         arguments = (moved[:, :3, :3], moved[:, :3, 3], seen[:, :3, :3], seen[:, :3, 3])
@@ -62,7 +62,12 @@ def closed_forms(flange: np.ndarray, seen: np.ndarray, kind: str) -> dict[str, n
             cv2, cv2.calibrateHandEye, arguments, getattr(cv2, f"CALIB_HAND_EYE_{name}")
         )
     for name in ("SHAH", "LI"):
-        arguments = (seen[:, :3, :3], seen[:, :3, 3], back[:, :3, :3], back[:, :3, 3])
+        arguments = (
+            seen[:, :3, :3],
+            seen[:, :3, 3],
+            mount_from_target[:, :3, :3],
+            mount_from_target[:, :3, 3],
+        )
         method = getattr(cv2, f"CALIB_ROBOT_WORLD_HAND_EYE_{name}")
         found[name] = _called(cv2, cv2.calibrateRobotWorldHandEye, arguments, method)
     return {name: solution for name, solution in found.items() if solution is not None}
@@ -195,7 +200,7 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
     is_determined = (angles < _NEAR_PI).all(0)
     reach = np.median(np.linalg.norm(seen[:, :3, 3], axis=1))
     found = []
-    is_rotating = (angles > STILL).all(0)
+    is_rotating = (angles > NO_ROTATION_RAD).all(0)
     half = is_rotating & ~is_determined
     only_half = half.any() and not (is_rotating & is_determined).any()
     candidates = (
@@ -204,7 +209,7 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
         else _rotation_candidates(alpha[is_determined], beta[is_determined], flange, camera)
     )
     for rotation in candidates:
-        shift, rest = _translation(rotation, flange, camera)
+        shift, translation_residual = _translation(rotation, flange, camera)
         gap = (
             _rotation_misfit(rotation, flange, camera)
             if only_half
@@ -212,7 +217,7 @@ def align(moved: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, float, np.nd
         ) * reach
         found.append(
             (
-                float(np.sqrt((gap**2).sum(1).mean() + (rest**2).sum(1).mean())),
+                float(np.sqrt((gap**2).sum(1).mean() + (translation_residual**2).sum(1).mean())),
                 transform(rotation, shift),
             )
         )
@@ -224,12 +229,14 @@ def _rotation_candidates(alpha, beta, flange, camera):
     """Rotations (3, 3) to try, of which one is near, from rotation vectors (K, 3) of flange and camera."""
     rotation = nearest_rotation((alpha.T @ beta)[None])[0]
     axes = thin_svd(alpha)[2]
-    along = alpha @ axes[0]
-    if np.linalg.norm(alpha, axis=1).max(initial=0) < STILL:  # flange and camera move alike
+    axial = alpha @ axes[0]
+    if (
+        np.linalg.norm(alpha, axis=1).max(initial=0) < NO_ROTATION_RAD
+    ):  # flange and camera move alike
         return [nearest_rotation((flange[:, :3, 3].T @ camera[:, :3, 3])[None])[0]]
-    if np.linalg.norm(alpha - np.outer(along, axes[0]), axis=1).max() > STILL:
+    if np.linalg.norm(alpha - np.outer(axial, axes[0]), axis=1).max() > NO_ROTATION_RAD:
         return [rotation]
-    return _about(_spun(axes[0]) @ rotation, axes[0], flange, camera)
+    return _rotated_about_axis(_spun(axes[0]) @ rotation, axes[0], flange, camera)
 
 
 def _rotations_near_pi(half, flange, camera):
@@ -244,12 +251,14 @@ def _rotations_near_pi(half, flange, camera):
         symmetric_eigen(_axis_products(motions[half]))[1][:, :, 2] for motions in (flange, camera)
     )
     other = int(np.argmin(np.abs(flange_axes @ flange_axes[0])))
-    single = abs(flange_axes[other] @ flange_axes[0]) > np.cos(STILL)
+    single = abs(flange_axes[other] @ flange_axes[0]) > np.cos(NO_ROTATION_RAD)
     tried = []
     for sign in (1.0, -1.0):
         if single:
             rotation = Rotation.align_vectors(sign * flange_axes[:1], seen[:1])[0].as_matrix()
-            tried += _about(_spun(flange_axes[0]) @ rotation, flange_axes[0], flange, camera)
+            tried += _rotated_about_axis(
+                _spun(flange_axes[0]) @ rotation, flange_axes[0], flange, camera
+            )
             continue
         for second in (1.0, -1.0):
             axes = np.stack([sign * flange_axes[0], second * flange_axes[other]]), seen[[0, other]]
@@ -278,7 +287,7 @@ def _spun(axis):
     ).as_matrix()
 
 
-def _about(rotations, axis, flange, camera):
+def _rotated_about_axis(rotations, axis, flange, camera):
     """The best of `rotations` (S, 3, 3), rotated about the axis by Newton's step of the translations' misfit."""
     from scipy.spatial.transform import Rotation
 
@@ -288,15 +297,15 @@ def _about(rotations, axis, flange, camera):
     ).reshape(len(rows), -1)
     cost = ((rows @ _solved(rows, right) - right) ** 2).sum(0)
     k = int(np.argmin(cost))
-    before, at, after = (
+    before, middle, after = (
         cost[k - 1],
         cost[k],
         cost[(k + 1) % len(cost)],
     )  # a sine of the angle, near its lowest
-    bend = before - 2 * at + after
+    bend = before - 2 * middle + after
     step = 2 * np.pi / len(rotations) * (before - after) / (2 * bend) if bend > 0 else 0.0
-    near = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ rotations[k]
-    return list(near)
+    candidates = Rotation.from_rotvec(np.outer([0, step], axis)).as_matrix() @ rotations[k]
+    return list(candidates)
 
 
 def _translation(rotation, flange, camera):

@@ -33,7 +33,7 @@ FEWEST = 3
 _ROUNDS, _STEPS = 30, 30
 _SETTLED = 1e-5  # of a standard deviation
 _STEADY = 1e-4  # relative change of a standard deviation below which the variance components stay
-_LEAST = np.array([1e-6, 1e-9])  # mm and rad: no measured pose is better
+_MIN_SIGMA = np.array([1e-6, 1e-9])  # mm and rad: no measured pose is better
 _LEAST_REDUNDANCY = 0.5  # of a group of residuals, below which they do not show their own variance
 _LEVEL = 1e-3  # how often a set without a gross error has a pose called one (Baarda, 1968)
 _MOST_LEFT_OUT = 0.25
@@ -72,8 +72,8 @@ def hand_eye_from_target_poses(poses: TargetPoses, reviewed: Review | None = Non
     poses = _checked(poses)
     start = _start(poses)
     sentences = () if reviewed is None else reviewed.sentences
-    most = 0 if sentences else int(_MOST_LEFT_OUT * len(poses.flange))
-    solution, left_out = _without_gross_errors(poses, start, most)
+    max_blunders = 0 if sentences else int(_MOST_LEFT_OUT * len(poses.flange))
+    solution, left_out = _without_gross_errors(poses, start, max_blunders)
     return _result(poses, solution, left_out, sentences)
 
 
@@ -137,10 +137,10 @@ def _linearised(poses: TargetPoses, values):
     """Residual (P, 6), predicted minus measured pose of the target in the sensor frame, and rows (P, 6, 12)."""
     sensor, target = placement(values[:6]), placement(values[6:])
     moved = moved_of(poses.flange, poses.kind)
-    back = moved[:, :3, :3].transpose(0, 2, 1)
-    in_mount = np.einsum("pij,pj->pi", back, target[:3, 3] - moved[:, :3, 3]) - sensor[:3, 3]
+    to_mount = moved[:, :3, :3].transpose(0, 2, 1)
+    in_mount = np.einsum("pij,pj->pi", to_mount, target[:3, 3] - moved[:, :3, 3]) - sensor[:3, 3]
     to_sensor = sensor[:3, :3].T
-    from_target = to_sensor @ back  # from the target's mount to the sensor
+    from_target = to_sensor @ to_mount  # from the target's mount to the sensor
     shift = in_mount @ to_sensor.T - poses.seen[:, :3, 3]
     predicted = from_target @ target[:3, :3]
     spin = rotation_vector(predicted @ poses.seen[:, :3, :3].transpose(0, 2, 1))
@@ -160,7 +160,7 @@ def _solve(poses: TargetPoses, start, used) -> _Solution:
     """Weighted adjustment with estimated variance components."""
     values = start
     residual, rows = _linearised(poses, values)
-    sigma = np.maximum(_group_rms(residual[used]), _LEAST)
+    sigma = np.maximum(_group_rms(residual[used]), _MIN_SIGMA)
     for _ in range(_ROUNDS):
         values, converged = _descended(poses, values, sigma, used)
         residual, rows = _linearised(poses, values)
@@ -198,7 +198,7 @@ def _variance_components(solution: _Solution) -> np.ndarray:
     hat = _hat_blocks(solution)[solution.used]
     used_up = np.einsum("pkk->pk", hat).reshape(-1, 2, 3).sum((0, 2))
     redundancy = np.maximum(3 * len(residual) - used_up, _LEAST_REDUNDANCY)
-    return np.maximum(np.sqrt((residual**2).sum((0, 2)) / redundancy), _LEAST)
+    return np.maximum(np.sqrt((residual**2).sum((0, 2)) / redundancy), _MIN_SIGMA)
 
 
 def _hat_blocks(solution: _Solution) -> np.ndarray:
@@ -215,7 +215,7 @@ def _inverse(normal) -> np.ndarray:
     return covariance_of(scaled, np.full(len(scaled), 1e-12)) * np.outer(scale, scale)
 
 
-def _without_gross_errors(poses, start, most: int) -> tuple[_Solution, np.ndarray]:
+def _without_gross_errors(poses, start, max_blunders: int) -> tuple[_Solution, np.ndarray]:
     """The adjustment without gross errors, and the probability (P,) of a larger deviation of each pose.
 
     One pose at a time is left out, the one that the others find least likely, tested with the variance of the others
@@ -225,9 +225,9 @@ def _without_gross_errors(poses, start, most: int) -> tuple[_Solution, np.ndarra
     while True:
         solution = _solve(poses, start, used)
         chance = _chances(solution)
-        among = np.where(used, chance, np.inf)
-        worst = int(np.argmin(among))
-        if among[worst] > _LEVEL / used.sum() or (~used).sum() >= most:
+        chance_of_used = np.where(used, chance, np.inf)
+        worst = int(np.argmin(chance_of_used))
+        if chance_of_used[worst] > _LEVEL / used.sum() or (~used).sum() >= max_blunders:
             return solution, chance
         used = used.copy()
         used[worst] = False
@@ -240,15 +240,15 @@ def _chances(solution: _Solution) -> np.ndarray:
     count = int(solution.used.sum())
     total = float((residual[solution.used] ** 2).sum())
     chances = np.ones(len(residual))
-    for k, own in enumerate(residual):
+    for k, pose_residual in enumerate(residual):
         if solution.used[k]:
-            squared = float(own @ least_squares(np.eye(6) - hat[k], own, 1e-9))
-            rest, degrees = total - squared, 6 * count - 12 - 6
+            squared = float(pose_residual @ least_squares(np.eye(6) - hat[k], pose_residual, 1e-9))
+            others_squared, degrees = total - squared, 6 * count - 12 - 6
         else:
-            squared = float(own @ least_squares(np.eye(6) + hat[k], own, 1e-9))
-            rest, degrees = total, 6 * count - 12
+            squared = float(pose_residual @ least_squares(np.eye(6) + hat[k], pose_residual, 1e-9))
+            others_squared, degrees = total, 6 * count - 12
         if degrees > 0:
-            ratio = squared / 6 / max(rest / degrees, 1e-300)
+            ratio = squared / 6 / max(others_squared / degrees, 1e-300)
             chances[k] = float(fisher.sf(ratio, 6, degrees))
     return chances
 

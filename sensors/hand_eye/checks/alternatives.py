@@ -16,7 +16,7 @@ OUTLIERS = "wrong-images"
 _REFINED = 8
 _REFINED_CHANGES = 3
 # Images on each side of a change: with one, a change is the same as one wrong image.
-_LEAST = 2
+_MIN_IMAGES = 2
 _DIFFERENT = 4.0
 # A scale nearer to one is a board's print or an arm's links, and belongs to the adjustment.
 _LEAST_SCALE = 0.01
@@ -34,24 +34,25 @@ _UNITS = {
 class Alternative:
     """A hypothesis with its misfit.
 
-    `misfit` mm, comparable with the recorded data's: of all images where `whole`, else of the best three quarters.
+    `misfit` mm, comparable with the recorded data's: of all images where `uses_all_images`, else of the best three
+    quarters.
     `extra`: parameters added. `rank`: a plain mistake is preferred over one that explains anything. `grows`: by how
     much the alternative enlarges lengths. `falls`: the recorded misfit must be this many times as large.
     """
 
     cause: str
-    seems: str
+    symptom: str
     do: str
     misfit: float
     extra: int = 0
     rank: int = 0
-    whole: bool = False
+    uses_all_images: bool = False
     grows: float = 1.0
     falls: float = 3.0
 
     def recorded(self, fitted) -> float:
         """mm, the misfit of the recorded data that this one is compared with."""
-        return fitted.scatter_mm if self.whole else fitted.trimmed_mm
+        return fitted.scatter_mm if self.uses_all_images else fitted.trimmed_mm
 
 
 def reading_alternatives(
@@ -63,7 +64,7 @@ def reading_alternatives(
     found = []
     for other, reading in ranked[:_REFINED]:
         fit = fit_poses(other)
-        found.append(Alternative(reading.cause, reading.seems, reading.do, fit.trimmed_rms))
+        found.append(Alternative(reading.cause, reading.symptom, reading.do, fit.trimmed_rms))
     return found + [replace(found[-1], misfit=np.inf)] * (len(ranked) - len(found)) if found else []
 
 
@@ -81,10 +82,10 @@ def scale_alternative(data: PoseData, nouns: Nouns) -> Iterator[Alternative]:
     std = fit.scale_std
     if not np.isfinite(std) or abs(log) < max(_DIFFERENT * std, _LEAST_SCALE):
         return
-    seems, do = _scale_words(fit.scale, std, nouns)
+    symptom, do = _scale_words(fit.scale, std, nouns)
     # If it is the board that is too large, so is every length that the camera sees.
     yield Alternative(
-        "scale", seems, do, fit.trimmed_rms, 1, 1, grows=max(fit.scale, 1.0), falls=1.2
+        "scale", symptom, do, fit.trimmed_rms, 1, 1, grows=max(fit.scale, 1.0), falls=1.2
     )
 
 
@@ -93,16 +94,16 @@ def _scale_words(scale, std, nouns: Nouns):
     factor = max(scale, 1 / scale)
     size = _with_std(factor, factor * std)
     flange, board = ("small", "large") if scale > 1 else ("large", "small")
-    near = [
+    unit_names = [
         name for value, name in _UNITS.items() if abs(np.log(factor / value)) < max(3 * std, 0.02)
     ]
-    what = "flange positions" if scale > 1 else nouns.size_name
-    question = f" ({what} in {near[0]}?)" if near else ""
-    seems = (
+    wrong_lengths = "flange positions" if scale > 1 else nouns.size_name
+    question = f" ({wrong_lengths} in {unit_names[0]}?)" if unit_names else ""
+    symptom = (
         f"{nouns.size_subject} {size} times too {board}, or the flange positions {size} times too "
         f"{flange}{question}"
     )
-    return seems, f"correct {nouns.size_source}, or the unit of the flange positions"
+    return symptom, f"correct {nouns.size_source}, or the unit of the flange positions"
 
 
 def _with_std(value, std):
@@ -113,7 +114,7 @@ def _with_std(value, std):
 
 def change_alternatives(data: PoseData, recorded: PoseFit, named) -> list[Alternative]:
     """A sensor, or a board, that has another pose from some image on; the best few are fitted, the others count."""
-    places = range(_LEAST, data.count - _LEAST + 1)
+    places = range(_MIN_IMAGES, data.count - _MIN_IMAGES + 1)
     freedoms = [Freedom(sensor_from=k) for k in places] + [Freedom(board_from=k) for k in places]
     if not freedoms:
         return []
@@ -151,10 +152,10 @@ def _changed(data, starts, freedom, rough):
 def _change(fit, named) -> Alternative:
     freedom = fit.freedom
     first = freedom.sensor_from if freedom.board_from is None else freedom.board_from
-    what = _sensor_moved(named.kind) if freedom.board_from is None else _target_moved(named)
-    seems = f"{what} moved between {named.images[first - 1]} and {named.images[first]}"
+    moved_body = _sensor_moved(named.kind) if freedom.board_from is None else _target_moved(named)
+    symptom = f"{moved_body} moved between {named.images[first - 1]} and {named.images[first]}"
     do = f"split the recording there, or {named.nouns.repeat} with everything clamped"
-    return Alternative("moved", seems, do, fit.rms, 6, 2, True, falls=2.0)
+    return Alternative("moved", symptom, do, fit.rms, 6, 2, True, falls=2.0)
 
 
 def _sensor_moved(kind):
@@ -162,8 +163,8 @@ def _sensor_moved(kind):
 
 
 def _target_moved(named):
-    elsewhere = " (or the base of the arm)" if named.kind == "in-hand" else " on the flange"
-    return f"the {named.nouns.target}{elsewhere}"
+    carrier = " (or the base of the arm)" if named.kind == "in-hand" else " on the flange"
+    return f"the {named.nouns.target}{carrier}"
 
 
 def permutation_alternatives(data: PoseData, recorded: PoseFit, named) -> Iterator[Alternative]:
@@ -173,9 +174,9 @@ def permutation_alternatives(data: PoseData, recorded: PoseFit, named) -> Iterat
     found = []
     if (order != np.arange(data.count)).any():
         found.append((order, fit_poses(permuted(data, order))))
-    every = best_permutation(data)
-    if every is not None and (every[0] != np.arange(data.count)).any():
-        found.append(every)
+    permutation_of_all = best_permutation(data)
+    if permutation_of_all is not None and (permutation_of_all[0] != np.arange(data.count)).any():
+        found.append(permutation_of_all)
     if found:
         order, fit = min(found, key=lambda row: row[1].rms)
         yield _permutation(order, fit, named)
@@ -200,16 +201,20 @@ def outlier_alternative(data: PoseData, recorded: PoseFit) -> Iterator[Alternati
 def _permutation(order, fit, named) -> Alternative:
     moved = np.flatnonzero(order != np.arange(len(order)))
     names = [f"{named.images[k]} has the pose of {named.images[order[k]]}" for k in moved]
-    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    remainder = f" and {len(names) - 6} more" if len(names) > 6 else ""
     if len(moved) == 2:
-        seems = f"the poses of {named.images[moved[0]]} and {named.images[moved[1]]} look exchanged"
+        symptom = (
+            f"the poses of {named.images[moved[0]]} and {named.images[moved[1]]} look exchanged"
+        )
     else:
-        seems = f"{named.nouns.samples} and poses look permuted: {', '.join(names[:6])}{more}"
+        symptom = (
+            f"{named.nouns.samples} and poses look permuted: {', '.join(names[:6])}{remainder}"
+        )
     # Choosing among the orders of so many poses is a choice of this many parameters.
     extra = int(np.ceil(np.log(np.arange(1, len(moved) + 1)).sum() / np.log(6 * len(order)) * 2))
     return Alternative(
         "permuted",
-        seems,
+        symptom,
         f"correct {named.nouns.order}",
         fit.rms,
         extra,

@@ -35,7 +35,7 @@ _UNLIKELY = 1e-3
 _EXPLAINED = 0.75  # of a sigma of the flange poses: what remains of one of the two at most
 _VERTICAL = np.cos(np.deg2rad(20.0))
 _SPREAD = 1e-9  # of a covariate, below which it is constant
-_LEAST = 6  # poses
+_MIN_POSES = 6  # poses
 _TYPICAL_PX = 1.0
 
 
@@ -69,15 +69,15 @@ class CameraDependence:
         """What depends on what, by how much, what it does to the result, and what to do."""
         size = f"{self.size_px:.2g} ± {self.std_px:.1g} px"
         if self.covariate == GRAVITY:
-            what = (
+            cause = (
                 f"the image moves with the direction of gravity in the camera frame, by {size} between a camera that "
                 "looks down and one that looks sideways: the lens, the mount of the camera or the tool sags. Fix lens "
                 "and mount"
             )
         elif self.parameter == TARGET:
-            what = f"the board moves against the base with {self.covariate}, by {size} over its range: fix both"
+            cause = f"the board moves against the base with {self.covariate}, by {size} over its range: fix both"
         else:
-            what = (
+            cause = (
                 f"the {self.parameter} of the camera depends on {self.covariate}, which moves the image by {size} over "
                 "its range. Let the camera warm up and calibrate at the conditions of use"
             )
@@ -86,7 +86,7 @@ class CameraDependence:
             for place, turn in (self.before, self.after)
         ]
         return (
-            f"{what}. Without this cause the poses err by {sigmas[0]} RMS at the board, with it by {sigmas[1]}. "
+            f"{cause}. Without this cause the poses err by {sigmas[0]} RMS at the board, with it by {sigmas[1]}. "
             "The transform is calibrated without it, and its uncertainty counts it as errors of the flange poses"
         )
 
@@ -118,10 +118,10 @@ class _WithDependence:
         table = list(parameters.table)
         count = len(self.columns)
         table += [Parameter(f"dependence.{k}", "px", 0.0, _TYPICAL_PX, "") for k in range(count)]
-        whole = replace(
+        extended_table = replace(
             Parameters.of(table), values=np.concatenate([parameters.values, np.zeros(count)])
         )
-        return whole.only(np.concatenate([parameters.mask, np.ones(count, bool)]))
+        return extended_table.only(np.concatenate([parameters.mask, np.ones(count, bool)]))
 
 
 def camera_dependence(adjusted: Adjusted, conditions: Conditions) -> CameraDependence | None:
@@ -131,17 +131,20 @@ def camera_dependence(adjusted: Adjusted, conditions: Conditions) -> CameraDepen
     """
     chain = adjusted.chain
     used = np.unique(chain.pose)
-    if len(used) < _LEAST:
+    if len(used) < _MIN_POSES:
         return None
     chain = chain.with_families({"pose": adjusted.errors})
     candidates = candidate_columns(chain, adjusted, conditions.covariates, used)
     found = [tested(chain, adjusted, *candidate) for candidate in candidates]
     likely = [
-        one
-        for one in (replace(one, p_value=min(1.0, one.p_value * len(found))) for one in found)
-        if one.is_significant(conditions.gravity)
+        dependence
+        for dependence in (
+            replace(dependence, p_value=min(1.0, dependence.p_value * len(found)))
+            for dependence in found
+        )
+        if dependence.is_significant(conditions.gravity)
     ]
-    return min(likely, key=lambda one: one.p_value, default=None)
+    return min(likely, key=lambda dependence: dependence.p_value, default=None)
 
 
 def candidate_columns(chain, adjusted: Adjusted, covariates, used) -> list[tuple]:
@@ -155,8 +158,8 @@ def candidate_columns(chain, adjusted: Adjusted, covariates, used) -> list[tuple
     if chain.kind == "in-hand":
         # axes of the camera in the base: columns of the rotation from the camera to the base
         axes = chain.flange[:, :3, :3] @ rotation_matrix(values[3:6])
-        across = axes[chain.pose, :, :2].transpose(1, 2, 0)  # (3, 2, n)
-        found.append(("principal point", GRAVITY, across))
+        in_image_plane = axes[chain.pose, :, :2].transpose(1, 2, 0)  # (3, 2, n)
+        found.append(("principal point", GRAVITY, in_image_plane))
     for name, column in covariates.items():
         extent = np.ptp(column[used])
         if not extent > _SPREAD * np.abs(column[used]).max():
@@ -184,17 +187,17 @@ def tested(chain, adjusted: Adjusted, parameter, covariate, columns) -> CameraDe
     count = len(columns)
     size = linear.change[-count:]
     covariance = linear.covariance[-count:, -count:]
-    rest = max(6 * int((model_grams[1] > 0).sum()) - 12 - count, 1)
+    degrees_of_freedom = max(6 * int((model_grams[1] > 0).sum()) - 12 - count, 1)
     ratio = float(size @ solve_positive(covariance, size)) / count
     length = float(np.linalg.norm(size))
-    along = size / max(length, 1e-300)
+    direction = size / max(length, 1e-300)
     return CameraDependence(
         parameter,
         covariate,
         length,
-        float(np.sqrt(along @ covariance @ along)),
-        float(fisher.sf(ratio, count, rest)),
+        float(np.sqrt(direction @ covariance @ direction)),
+        float(fisher.sf(ratio, count, degrees_of_freedom)),
         adjusted.variances.spread,
         variances.spread,
-        along if covariate == GRAVITY else None,
+        direction if covariate == GRAVITY else None,
     )

@@ -24,9 +24,12 @@ def half_turned_rows(data: PoseData) -> np.ndarray | None:
 
     data: with one labelling of the target.
     """
-    both = replace(data, seen=np.concatenate([data.seen[:1], data.seen[:1] @ _HALF_TURN]))
-    labels = min(possible_labels(both), key=lambda chosen: _gap_deg(both, chosen))
-    before, after = _gap_deg(both, np.zeros(data.count, int)), _gap_deg(both, labels)
+    with_rotated = replace(data, seen=np.concatenate([data.seen[:1], data.seen[:1] @ _HALF_TURN]))
+    labels = min(possible_labels(with_rotated), key=lambda chosen: _gap_deg(with_rotated, chosen))
+    before, after = (
+        _gap_deg(with_rotated, np.zeros(data.count, int)),
+        _gap_deg(with_rotated, labels),
+    )
     if after > min(_EXPLAINS * before, _AGREES_DEG):
         return None
     rotated = labels == 1
@@ -36,9 +39,9 @@ def half_turned_rows(data: PoseData) -> np.ndarray | None:
 def half_turn_sentence(rows: np.ndarray, names: Sequence[str]) -> str:
     """State which poses are rotated, and what to do; rows (P,) bool of the poses `names`."""
     chosen = [name for name, is_rotated in zip(names, rows) if is_rotated]
-    more = f" and {len(chosen) - _NAMED} more" if len(chosen) > _NAMED else ""
+    remainder = f" and {len(chosen) - _NAMED} more" if len(chosen) > _NAMED else ""
     return (
-        f"the target looks rotated by 180 deg about its normal in {', '.join(chosen[:_NAMED])}{more}: the program "
+        f"the target looks rotated by 180 deg about its normal in {', '.join(chosen[:_NAMED])}{remainder}: the program "
         "counted the corners of a symmetric board from the other end, which also moves the origin of the target; "
         "remove these rows, or measure with a board that has no such symmetry"
     )

@@ -51,20 +51,20 @@ def length_scale(moved: np.ndarray, seen: np.ndarray) -> LengthScale:
     if degrees < 1 or not moments[[0, 2]].min() > 0 or moments[1] <= 0:
         return UNKNOWN
     low, high = _bounds(moments, degrees, _LEVEL)
-    near = _bounds(moments, degrees, _SIGMA)
+    one_sigma_bounds = _bounds(moments, degrees, _SIGMA)
     if not np.isfinite(high):
         return UNKNOWN
     value = float(np.sqrt(moments[0] / moments[2]))
-    return LengthScale(value, (near[1] - near[0]) / 2, low, high)
+    return LengthScale(value, (one_sigma_bounds[1] - one_sigma_bounds[0]) / 2, low, high)
 
 
 def _bounds(moments, degrees: int, level: float) -> tuple[float, float]:
     """Least and largest ratio: confidence limits of least squares of the camera on the flange, and the reverse."""
     quantile = float(student.isf(level / 2, degrees))
     square, mixed, other = moments
-    rest = np.sqrt(max(1 - mixed**2 / (square * other), 0.0) / degrees) * quantile
-    low = mixed / other - rest * np.sqrt(square / other)
-    slope = mixed / square - rest * np.sqrt(other / square)
+    half_width = np.sqrt(max(1 - mixed**2 / (square * other), 0.0) / degrees) * quantile
+    low = mixed / other - half_width * np.sqrt(square / other)
+    slope = mixed / square - half_width * np.sqrt(other / square)
     return max(float(low), 0.0), float(1 / slope) if slope > 0 else np.inf
 
 
@@ -80,6 +80,6 @@ def _reduced(moved, seen) -> tuple[np.ndarray, np.ndarray, int]:
     nuisance = nuisance / np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
     base, sizes, _ = thin_svd(nuisance)
     base = base[:, sizes > _RANK * sizes[0]]
-    both = np.stack([moved[:, :3, 3].ravel(), -places.ravel()], axis=1)
-    flange, camera = (both - base @ (base.T @ both)).T
+    translations = np.stack([moved[:, :3, 3].ravel(), -places.ravel()], axis=1)
+    flange, camera = (translations - base @ (base.T @ translations)).T
     return flange, camera, 3 * count - base.shape[1] - 1

@@ -8,7 +8,7 @@ from itertools import chain, permutations, product
 import numpy as np
 
 from sensors.hand_eye.checks.nouns import BOARD_IMAGES, Nouns
-from sensors.hand_eye.start import STILL
+from sensors.hand_eye.start import NO_ROTATION_RAD
 from workbench.core.rigid import inverse, rotation_vector, transform
 
 _EULER = tuple("xyz xzy yxz yzx zxy zyx XYZ XZY YXZ YZX ZXY ZYX".split())
@@ -19,12 +19,12 @@ _AXES = "xyz"
 class Reading:
     """Another reading of the recorded flange poses.
 
-    `cause`: short name of the mistake. `seems`: a clause on what the data look like. `do`: what to correct.
+    `cause`: short name of the mistake. `symptom`: a clause on what the data look like. `do`: what to correct.
     `flange` (P, 4, 4) T_base_flange with the mistake undone, mm.
     """
 
     cause: str
-    seems: str
+    symptom: str
     do: str
     flange: np.ndarray
 
@@ -49,7 +49,7 @@ def pose_readings(flange: np.ndarray, nouns: Nouns = BOARD_IMAGES) -> Iterator[R
 
 def _rotates(rotation):
     relative = np.swapaxes(rotation[:1], 1, 2) @ rotation
-    return np.linalg.norm(rotation_vector(relative), axis=1).max() > STILL
+    return np.linalg.norm(rotation_vector(relative), axis=1).max() > NO_ROTATION_RAD
 
 
 def _position_readings(rotation, place, nouns: Nouns) -> Iterator[Reading]:
@@ -100,9 +100,9 @@ def _quaternion_readings(rotation, place) -> Iterator[Reading]:
     from scipy.spatial.transform import Rotation
 
     recorded = Rotation.from_matrix(rotation).as_quat()  # x, y, z, w
-    for cause, seems, do, columns, signs in _quaternion_mistakes():
+    for cause, symptom, do, columns, signs in _quaternion_mistakes():
         true = Rotation.from_quat(recorded[:, columns] * signs).as_matrix()
-        yield Reading(cause, f"flange_qw … flange_qz {seems}", do, transform(true, place))
+        yield Reading(cause, f"flange_qw … flange_qz {symptom}", do, transform(true, place))
 
 
 def _quaternion_mistakes():
@@ -123,14 +123,14 @@ def _quaternion_mistakes():
         [1, 2, 3, 0],
         1,
     )
-    seems = "look inverted (the rotation of the base in the flange)"
+    symptom = "look inverted (the rotation of the base in the flange)"
     do = "negate flange_qx, flange_qy and flange_qz"
-    yield "inverse-rotation", seems, do, same, (-1, -1, -1, 1)
+    yield "inverse-rotation", symptom, do, same, (-1, -1, -1, 1)
     for signs in product((1, -1), repeat=3):
         if signs not in ((1, 1, 1), (-1, -1, -1)):
             names = _listed([f"flange_q{a}" for a, sign in zip(_AXES, signs) if sign < 0])
-            seems = f"look as if {names} had the opposite sign"
-            yield "quaternion-sign", seems, f"negate {names}", same, (*signs, 1)
+            symptom = f"look as if {names} had the opposite sign"
+            yield "quaternion-sign", symptom, f"negate {names}", same, (*signs, 1)
 
 
 def _angle_readings(rotation, place) -> Iterator[Reading]:
@@ -143,8 +143,8 @@ def _angle_readings(rotation, place) -> Iterator[Reading]:
         warnings.simplefilter("ignore", UserWarning)
         angles = {order: Rotation.from_matrix(rotation).as_euler(order) for order in _EULER}
     mistakes = chain(_vector_mistakes(vector, angles), _order_mistakes(angles))
-    for cause, seems, do, true in mistakes:
-        yield Reading(cause, seems, do, transform(true.as_matrix(), place))
+    for cause, symptom, do, true in mistakes:
+        yield Reading(cause, symptom, do, transform(true.as_matrix(), place))
 
 
 def _vector_mistakes(vector, angles):
@@ -153,18 +153,18 @@ def _vector_mistakes(vector, angles):
 
     convert = "convert the orientation from the angles as the controller gave them"
     as_vector = "read the three numbers as a rotation vector"
-    seems = f"a rotation vector looks read as angles ({_named('xyz')})"
-    yield "angle-order", seems, as_vector, Rotation.from_rotvec(_shorter(angles["xyz"]))
-    seems = "the rotation vectors look like radians given for degrees"
-    yield "angle-unit", seems, convert, Rotation.from_rotvec(np.degrees(vector))
+    symptom = f"a rotation vector looks read as angles ({_named('xyz')})"
+    yield "angle-order", symptom, as_vector, Rotation.from_rotvec(_shorter(angles["xyz"]))
+    symptom = "the rotation vectors look like radians given for degrees"
+    yield "angle-unit", symptom, convert, Rotation.from_rotvec(np.degrees(vector))
     for order, values in angles.items():
         name = _named(order)
-        seems = f"the angles look like radians given for degrees ({name})"
-        yield "angle-unit", seems, convert, Rotation.from_euler(order, np.degrees(values))
-        seems = f"a rotation vector looks read as angles ({name})"
-        yield "angle-order", seems, as_vector, Rotation.from_rotvec(values)
-        seems = f"angles ({name}) look read as a rotation vector"
-        yield "angle-order", seems, f"read them as {name}", Rotation.from_euler(order, vector)
+        symptom = f"the angles look like radians given for degrees ({name})"
+        yield "angle-unit", symptom, convert, Rotation.from_euler(order, np.degrees(values))
+        symptom = f"a rotation vector looks read as angles ({name})"
+        yield "angle-order", symptom, as_vector, Rotation.from_rotvec(values)
+        symptom = f"angles ({name}) look read as a rotation vector"
+        yield "angle-order", symptom, f"read them as {name}", Rotation.from_euler(order, vector)
 
 
 def _order_mistakes(angles):
@@ -173,9 +173,11 @@ def _order_mistakes(angles):
 
     for read, written in permutations(_EULER, 2):
         name = _named(written)
-        seems = f"the angles look as though read in the order {_named(read)} where {name} was meant"
+        symptom = (
+            f"the angles look as though read in the order {_named(read)} where {name} was meant"
+        )
         true = Rotation.from_euler(written, angles[read])
-        yield "angle-order", seems, f"read the angles as {name}", true
+        yield "angle-order", symptom, f"read the angles as {name}", true
 
 
 def _shorter(angles):
@@ -197,5 +199,5 @@ def _named(order):
 
 
 def _listed(words) -> str:
-    *most, last = words
-    return f"{', '.join(most)} and {last}" if most else last
+    *all_but_last, last = words
+    return f"{', '.join(all_but_last)} and {last}" if all_but_last else last

@@ -10,8 +10,8 @@ class Nouns:
     `sample`, `a_sample`, `samples`: what a flange pose belongs to. `measured`: what the flange poses must fit, and
     `moment` one of them. `target`: what is seen, `size_subject` what a wrong length makes look too large. `size`: the
     length that is stated for it, `size_source` where that is stated, and `size_name` its short name. `order`: states
-    which sample has which pose. `both`: what is checked in a row that does not fit. `mirrored`, `unmirror`: a
-    reflection. `repeat`: measures once more.
+    which sample has which pose. `pose_and_sample`: what is checked in a row that does not fit. `mirrored`,
+    `unmirror`: a reflection. `repeat`: measures once more.
     """
 
     sample: str
@@ -25,7 +25,7 @@ class Nouns:
     size_source: str
     size_name: str
     order: str
-    both: str
+    pose_and_sample: str
     mirrored: str
     unmirror: str
     repeat: str
@@ -43,7 +43,7 @@ BOARD_IMAGES = Nouns(
     size_source="square_mm under [board]",
     size_name="square_mm",
     order="the column sample of images.csv",
-    both="the pose and the image",
+    pose_and_sample="the pose and the image",
     mirrored="image",
     unmirror="the flip of the image",
     repeat="take the images again",
@@ -60,7 +60,7 @@ TARGET_POSES = Nouns(
     size_source="the size of the target in the program that measured it",
     size_name="size of the target",
     order="the order of the rows",
-    both="both poses",
+    pose_and_sample="both poses",
     mirrored="frame of the target",
     unmirror="the reflection of the target's frame",
     repeat="measure again",

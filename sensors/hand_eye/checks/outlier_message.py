@@ -24,6 +24,6 @@ def outlier_sentence(
     count = len(review.fit.distance)
     return (
         f"the flange poses of {len(ordered)} of {count} {nouns.samples} do not fit those of the others: the "
-        f"{nouns.target} seems to be displaced in {', '.join(words)}; check {nouns.both} of these rows, and correct or "
-        "remove them"
+        f"{nouns.target} seems to be displaced in {', '.join(words)}; check {nouns.pose_and_sample} of these rows, "
+        "and correct or remove them"
     )

@@ -13,7 +13,7 @@ from sensors.hand_eye.checks.pose_data import PoseData, PoseFit
 from sensors.hand_eye.checks.pose_fit import fit_poses, possible_labels
 from workbench.core.rigid import inverse, rotation_vector
 
-_MOST = 60
+_MAX_POSES = 60
 _TRIED = 6
 _ROUNDS = 6
 # An image keeps its pose unless another fits it this many times better.
@@ -25,7 +25,7 @@ def best_permutation(data: PoseData) -> tuple[np.ndarray, PoseFit] | None:
 
     None where there are too many images for the search, or too few for it to mean anything.
     """
-    if not 4 <= data.count <= _MOST:
+    if not 4 <= data.count <= _MAX_POSES:
         return None
     found = [_improved(data, order) for order in _candidates(data)]
     found = [row for row in found if row is not None]
@@ -86,8 +86,8 @@ def _invariants(relative):
     vector = rotation_vector(relative[..., :3, :3])
     angle = np.linalg.norm(vector, axis=-1)
     axis = vector / np.maximum(angle, 1e-9)[..., None]
-    along = np.einsum("...k,...k->...", axis, relative[..., :3, 3])
-    return np.stack([angle / 0.01, np.where(angle > 0.05, np.abs(along), 0.0)])
+    axial_shift = np.einsum("...k,...k->...", axis, relative[..., :3, 3])
+    return np.stack([angle / 0.01, np.where(angle > 0.05, np.abs(axial_shift), 0.0)])
 
 
 def _far_apart(angle):
@@ -115,11 +115,14 @@ def _pair_distances(data, fit):
     """(P, P) mm, RMS corner distance of image k with pose p under a fit, the label that fits best."""
     sensor = fit.sensor[0]
     board = fit.board[0]
-    there = board[:3, :3] @ data.corners + board[:3, 3:]
+    target_corners = board[:3, :3] @ data.corners + board[:3, 3:]
     outer = data.moved @ sensor
     best = np.full((data.count, data.count), np.inf)
     for seen in data.seen:
         local = seen[:, :3, :3] @ data.corners + seen[:, :3, 3:]
-        here = np.einsum("pab,kbn->kpan", outer[:, :3, :3], local) + outer[None, :, :3, 3:]
-        best = np.minimum(best, np.sqrt(((here - there) ** 2).sum((2, 3)) / data.corners.shape[1]))
+        seen_corners = np.einsum("pab,kbn->kpan", outer[:, :3, :3], local) + outer[None, :, :3, 3:]
+        best = np.minimum(
+            best,
+            np.sqrt(((seen_corners - target_corners) ** 2).sum((2, 3)) / data.corners.shape[1]),
+        )
     return best

@@ -52,10 +52,12 @@ def approximate_misfit(data: PoseData) -> float:
 
 def robust_starts(data: PoseData) -> list[np.ndarray]:
     """Start values (4, 4) of the sensor pose, one per labelling, from many closed forms against wrong images."""
-    every = np.arange(data.count)
+    images = np.arange(data.count)
     labels_and_starts = []
     for labels in possible_labels(data):
-        values = start_from_boards(data.moved, data.seen[labels, every], data.corners, "in-hand")[0]
+        values = start_from_boards(data.moved, data.seen[labels, images], data.corners, "in-hand")[
+            0
+        ]
         labels_and_starts.append(transform(rotation_matrix(values[3:6]), values[:3]))
     return labels_and_starts
 
@@ -91,9 +93,9 @@ class _State:
 
 
 def _starts(data, starts):
-    every = np.arange(data.count)
+    images = np.arange(data.count)
     for labels in possible_labels(data):
-        yield align(data.moved, data.seen[labels, every])[0], labels, 1.0
+        yield align(data.moved, data.seen[labels, images])[0], labels, 1.0
         for sensor in starts:
             yield sensor, labels, 1.0
 
@@ -262,8 +264,8 @@ def _scale_std(residual, rows, distance):
     blocks = weight[:, None, None] * (flat @ flat.transpose(0, 2, 1))
     normal = blocks.sum(0)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    without = (normal - blocks) / np.outer(size, size)
-    changes = solve_positive(without, (pulls / size)[..., None])
+    reduced_normal = (normal - blocks) / np.outer(size, size)
+    changes = solve_positive(reduced_normal, (pulls / size)[..., None])
     change = changes[:, -1, 0] / size[-1]
     count = len(change)
     return float(np.sqrt((count - 1) / count * ((change - change.mean()) ** 2).sum()))
@@ -288,8 +290,8 @@ def _residual(data, state, labels, freedom):
     """(P, 3, 4) mm at the corners."""
     moved, sensor, board, local = _poses(data, state, labels, freedom)
     outer = moved @ sensor
-    here = outer[:, :3, :3] @ local + outer[:, :3, 3:]
-    return here - board[:, :3, :3] @ data.corners - board[:, :3, 3:]
+    seen_corners = outer[:, :3, :3] @ local + outer[:, :3, 3:]
+    return seen_corners - board[:, :3, :3] @ data.corners - board[:, :3, 3:]
 
 
 def _rows(data, state, labels, freedom):
@@ -326,17 +328,17 @@ def _motion_rows(rotation, points):
 
 
 def _moved_state(state, change, freedom) -> _State:
-    parts = [change[:6], change[6:12]]
-    at = 12
+    pose_changes = [change[:6], change[6:12]]
+    offset = 12
     later = []
     for first in (freedom.sensor_from, freedom.board_from):
-        later.append(change[at : at + 6] if first is not None else None)
-        at += 6 if first is not None else 0
+        later.append(change[offset : offset + 6] if first is not None else None)
+        offset += 6 if first is not None else 0
     scale = (
         state.scale * float(np.exp(np.clip(change[-1], -1, 1))) if freedom.scale else state.scale
     )
-    sensor = _nudged(state.sensor, parts[0])
-    board = _nudged(state.board, parts[1])
+    sensor = _nudged(state.sensor, pose_changes[0])
+    board = _nudged(state.board, pose_changes[1])
     return _State(
         sensor,
         sensor if later[0] is None else _nudged(state.later_sensor, later[0]),

@@ -65,12 +65,12 @@ def scale_gap(motions: RelativeMotions) -> tuple[str, str] | None:
     """State what is wrong and what to do where images and flange show different lengths, as parts of a sentence."""
     if motions.scale_low <= 1 + _SCALE and motions.scale_high >= 1 - _SCALE:
         return None
-    what = (
+    symptom = (
         f"lengths that the images show are {motions.scale:.4g} times those of the flange (standard deviation "
         f"{motions.scale_std:.1g}, from positions of flange and board): the size of the board or the unit of the "
         "flange positions is stated wrongly"
     )
-    return what, "measure the board over many squares, and check the unit of the positions"
+    return symptom, "measure the board over many squares, and check the unit of the positions"
 
 
 def _angles(motions: np.ndarray) -> np.ndarray:
@@ -97,19 +97,19 @@ def displacement_px(first, second) -> float:
     A board that looks the same after a rotation may be labelled in the other order: with equal sets of corners, each
     corner is then compared with the nearest one.
     """
-    shared, mine, its = np.intersect1d(first.index, second.index, return_indices=True)
+    shared, rows_of_first, its = np.intersect1d(first.index, second.index, return_indices=True)
     if not shared.size:
         return float("nan")
-    before = first.pixels[:, mine]
+    before = first.pixels[:, rows_of_first]
     after = second.pixels[:, its]
     distance_px = float(np.median(np.linalg.norm(before - after, axis=0)))
     if len(shared) < len(first.index):
         return distance_px
-    between = np.linalg.norm(before[:, :, None] - after[:, None, :], axis=0)
-    nearest = between.argmin(1)
+    distances = np.linalg.norm(before[:, :, None] - after[:, None, :], axis=0)
+    nearest = distances.argmin(1)
     if len(np.unique(nearest)) < len(nearest):
         return distance_px
-    return min(distance_px, float(np.median(between.min(1))))
+    return min(distance_px, float(np.median(distances.min(1))))
 
 
 def wrong_equal_poses(flange: np.ndarray, views: Sequence) -> list[tuple[int, int, float]]:

@@ -109,12 +109,12 @@ def review(
     named: Named,
     readings: Iterable[Reading],
     starts=(),
-    more: Callable[[PoseData], Sequence[Alternative]] | None = None,
+    further_alternatives: Callable[[PoseData], Sequence[Alternative]] | None = None,
 ) -> Review:
     """Test the recorded data and, where they fail, every alternative.
 
     noise: of the corners, from each image alone; zero where it is unknown. readings: flange poses with one mistake
-    undone each. starts: (4, 4) sensor poses to start from. more: further alternatives.
+    undone each. starts: (4, 4) sensor poses to start from. further_alternatives: further alternatives.
     """
     recorded = fit_poses(data, starts=starts)
     result = Review(recorded.rms, recorded.trimmed_rms, noise, (), recorded)
@@ -124,7 +124,7 @@ def review(
         fitted += permutation_alternatives(data, recorded, named)
         fitted += reading_alternatives(data, readings, named.kind)
         fitted += lag_alternatives(data, recorded, named)
-        fitted += more(data) if more is not None else ()
+        fitted += further_alternatives(data) if further_alternatives is not None else ()
     best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
         result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
@@ -153,11 +153,13 @@ def _best_alternative(reviewed: Review, fitted: list[Alternative], arm: float):
     ]
     if not accepted:
         return None, []
-    least = min(alternative.misfit for alternative in accepted)
-    close = [alternative for alternative in accepted if alternative.misfit <= _CLOSE * least]
+    smallest_misfit = min(alternative.misfit for alternative in accepted)
+    close = [
+        alternative for alternative in accepted if alternative.misfit <= _CLOSE * smallest_misfit
+    ]
     best = min(close, key=lambda alternative: (alternative.rank, alternative.misfit))
     others = {
-        alternative.seems
+        alternative.symptom
         for alternative in close
         if alternative.cause != best.cause and alternative.rank <= best.rank
     }
@@ -167,9 +169,9 @@ def _best_alternative(reviewed: Review, fitted: list[Alternative], arm: float):
 def _finding(
     reviewed: Review, best: Alternative, others: Sequence[str], arm: float, nouns: Nouns
 ) -> Finding:
-    near = _is_near(reviewed, best, arm)
-    certain = near and best.recorded(reviewed) > max(arm, _CERTAIN * best.misfit)
-    sentence = _sentence(reviewed, best, others, near, nouns)
+    is_explained = _is_near(reviewed, best, arm)
+    certain = is_explained and best.recorded(reviewed) > max(arm, _CERTAIN * best.misfit)
+    sentence = _sentence(reviewed, best, others, is_explained, nouns)
     return Finding(best.cause, sentence, certain, best.misfit)
 
 
@@ -200,14 +202,14 @@ def _is_better(reviewed, alternative: Alternative, tried: int) -> bool:
     return bool(before > alternative.falls * after and gain > needed)
 
 
-def _sentence(reviewed, best: Alternative, others, near, nouns: Nouns) -> str:
+def _sentence(reviewed, best: Alternative, others, is_explained, nouns: Nouns) -> str:
     """State what happened, why it matters, what to do."""
-    also = f" (explained as well: {'; '.join(others[:2])})" if others else ""
-    rest = "" if near else "; a part of the error remains unexplained"
+    other_causes = f" (explained as well: {'; '.join(others[:2])})" if others else ""
+    remaining_error = "" if is_explained else "; a part of the error remains unexplained"
     return (
-        f"{best.seems}{also}: the {nouns.target}, which never moves, scatters by "
+        f"{best.symptom}{other_causes}: the {nouns.target}, which never moves, scatters by "
         f"{best.recorded(reviewed):.3g} mm as recorded and by {best.misfit:.2g} mm with "
-        f"this corrected{_noise_words(reviewed, ' (', ')')}{rest}; {best.do}"
+        f"this corrected{_noise_words(reviewed, ' (', ')')}{remaining_error}; {best.do}"
     )
 
 

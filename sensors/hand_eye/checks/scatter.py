@@ -87,7 +87,9 @@ def least_scatter(chain, points, values, used) -> dict[str, float]:
     seen = _seen(chain, values)[used]
     flange = chain.flange[used]
     deviations_of_board = deviations(
-        placed_boards(flange, _least(flange, seen, chain.kind, values[:6]), seen, chain.kind),
+        placed_boards(
+            flange, _least_scatter_pose(flange, seen, chain.kind, values[:6]), seen, chain.kind
+        ),
         points,
     )
     return _named(deviations_of_board)
@@ -101,7 +103,10 @@ def held_least(chain, points, values, used) -> dict[str, float]:
     for k in range(len(flange)):
         others = np.arange(len(flange)) != k
         placed = placed_boards(
-            flange, _least(flange[others], seen[others], chain.kind, values[:6]), seen, chain.kind
+            flange,
+            _least_scatter_pose(flange[others], seen[others], chain.kind, values[:6]),
+            seen,
+            chain.kind,
         )
         rows.append(deviations(placed[[k]], points, placed[others]))
     return _named({name: np.concatenate([row[name] for row in rows]) for name in rows[0]})
@@ -112,7 +117,7 @@ def _named(deviations_of_board):
     return {"least_origin_mm": found["origin_mm"], "least_turn_deg": found["turn_deg"]}
 
 
-def _least(flange, seen, kind, start):
+def _least_scatter_pose(flange, seen, kind, start):
     """(4, 4) hand-eye of least scatter."""
     from scipy.optimize import least_squares
 

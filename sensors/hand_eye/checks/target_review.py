@@ -45,14 +45,14 @@ def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: li
 def _target_alternatives(data: PoseData) -> list[Alternative]:
     """Mistakes in the poses of the target, the closest fitted, the others counted."""
     tried = [
-        (replace(data, seen=seen[None]), cause, seems, do)
-        for cause, seems, do, seen in _readings(data.seen[0])
+        (replace(data, seen=seen[None]), cause, symptom, do)
+        for cause, symptom, do, seen in _readings(data.seen[0])
     ]
     tried.sort(key=lambda row: approximate_misfit(row[0]))
     found = []
-    for place, (other, cause, seems, do) in enumerate(tried):
+    for place, (other, cause, symptom, do) in enumerate(tried):
         misfit = fit_poses(other).trimmed_rms if place < _REFINED else np.inf
-        found.append(Alternative(cause, seems, do, misfit))
+        found.append(Alternative(cause, symptom, do, misfit))
     return found
 
 

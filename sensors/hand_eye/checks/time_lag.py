@@ -58,14 +58,14 @@ def without_lag(flange: np.ndarray, step: int, share: float) -> np.ndarray:
     way from T_j to the recorded pose beyond it. The row at the end, which has no neighbour, stays: its error reaches
     the k-th row from it with the power k of f / (1 - f).
     """
-    beyond = share / (1 - share)
+    extrapolation = share / (1 - share)
     found = flange.copy()
     order = range(len(flange) - 2, -1, -1) if step == 1 else range(1, len(flange))
     for row in order:
         recorded, other = flange[row], found[row + step]
         turn = rotation_vector(recorded[:3, :3].T @ other[:3, :3])
-        found[row, :3, :3] = recorded[:3, :3] @ rotation_matrix(-beyond * turn)
-        found[row, :3, 3] = recorded[:3, 3] - beyond * (other[:3, 3] - recorded[:3, 3])
+        found[row, :3, :3] = recorded[:3, :3] @ rotation_matrix(-extrapolation * turn)
+        found[row, :3, 3] = recorded[:3, 3] - extrapolation * (other[:3, 3] - recorded[:3, 3])
     return found
 
 

@@ -58,17 +58,17 @@ def flange_variance(adjusted: Adjusted, pivot: np.ndarray) -> FlangeVariance:
     found = restricted_likelihood(chain, model_grams, parameters, adjusted.variances)
     spread = np.array(found.spread)
     std = np.zeros(2)
-    least = np.array([group.least for group in chain.groups])
+    min_sigma = np.array([group.min_sigma for group in chain.groups])
     is_seen = np.zeros(2, bool)
     for k in range(2):
         # tested where it is zero: its standard deviation there is that of the other component alone
-        null = np.where(np.arange(2) == k, least, spread)
+        null = np.where(np.arange(2) == k, min_sigma, spread)
         alone = _variance_std(model_grams, parameters, found.noise, null)[k]
         is_seen[k] = spread[k] ** 2 > _SEEN * alone
         std[k] = np.sqrt(alone)
-    both = _variance_std(model_grams, parameters, found.noise, spread)
-    both = np.maximum(both, _jackknife_std(chain, model_grams, parameters, found))
-    std = np.where(is_seen, both / (2 * spread), std)
+    variance_std = _variance_std(model_grams, parameters, found.noise, spread)
+    variance_std = np.maximum(variance_std, _jackknife_std(chain, model_grams, parameters, found))
+    std = np.where(is_seen, variance_std / (2 * spread), std)
     errors = solve_linear(model_grams, parameters, found.noise, np.repeat(spread, 3)).errors
     return FlangeVariance(np.where(is_seen, spread, 0.0), std, errors)
 
@@ -104,11 +104,11 @@ def _variance_std(model_grams, parameters, noise: float, spread: np.ndarray) -> 
     poses = len(gram)
     rows = mix.reshape(poses * len(sigma), size)
     covariance = (rows @ shared @ rows.T).reshape(poses, len(sigma), poses, len(sigma))
-    each = np.arange(poses)
-    covariance[each, :, each] += inverse
-    inside = -covariance
-    inside[each, :, each] += np.eye(len(sigma))
-    squares = (inside**2).sum(axis=(0, 2)).reshape(2, 3, 2, 3).sum(axis=(1, 3)) / 2
+    pose_index = np.arange(poses)
+    covariance[pose_index, :, pose_index] += inverse
+    projection = -covariance
+    projection[pose_index, :, pose_index] += np.eye(len(sigma))
+    squares = (projection**2).sum(axis=(0, 2)).reshape(2, 3, 2, 3).sum(axis=(1, 3)) / 2
     values, vectors = symmetric_eigen(squares)
     weights = vectors**2 / np.maximum(values, 1e-300)
     return spread**2 * np.sqrt(weights.sum(axis=1))

@@ -13,10 +13,12 @@ from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive, thin_svd
 from workbench.core.rigid import left_jacobian
 
-_FAR = 1e4
+_UNDETERMINED_SQUARED = 1e4
 """Squared, in typical sizes: how far what is not determined may be off, of a place a metre."""
 _SAME = 1e-6  # relative: a direction that others make but for this is no direction of its own
-_OWN = 0.5  # a direction that lies in the others but for a half of it is one of them, blurred by errors
+_MIN_INDEPENDENT_PART = (
+    0.5  # a direction that lies half in the others is one of them, blurred by errors
+)
 
 
 @dataclass(frozen=True)
@@ -35,10 +37,12 @@ class ParameterCovariance:
         """(R, R) covariance of rows @ parameters, rows (R, F): diagonal inf, other elements nan, where
         they move by more than their sigma along what is not determined."""
         covariance = rows @ self.covariance @ rows.T
-        is_undetermined = _FAR * ((rows @ self.open) ** 2).sum(1) > np.diag(covariance)
-        is_undetermined |= np.diag(covariance) > _FAR * ((rows * self.typical) ** 2).sum(
-            1
-        )  # less known than before measuring
+        is_undetermined = _UNDETERMINED_SQUARED * ((rows @ self.open) ** 2).sum(1) > np.diag(
+            covariance
+        )
+        is_undetermined |= np.diag(covariance) > _UNDETERMINED_SQUARED * (
+            (rows * self.typical) ** 2
+        ).sum(1)  # less known than before measuring
         covariance[is_undetermined] = covariance[:, is_undetermined] = np.nan
         covariance[is_undetermined, is_undetermined] = np.inf
         return covariance
@@ -58,7 +62,7 @@ def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
     """
     table = adjusted.parameters
     free = adjusted.parameters.mask
-    keys = tuple(key for key, mine in zip(table.keys, free) if mine)
+    keys = tuple(key for key, is_free in zip(table.keys, free) if is_free)
     has_no_prior = table.precision[free] == 0
     found = identifiability(
         _reduced_normal(adjusted.linear.normal, table.precision[free], has_no_prior),
@@ -69,7 +73,7 @@ def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
     null[has_no_prior] = found.null
     known = _orthonormal(_directions(motion, adjusted.parameters, keys) / typical[:, None])
     null = _with(known, null)
-    more = null.shape[1] > known.shape[1]  # the motions' own words say it best
+    has_further_directions = null.shape[1] > known.shape[1]  # the motions' own words say it best
     covariance = adjusted.linear.covariance / np.outer(typical, typical)
     if null.shape[1]:
         cross = covariance @ null
@@ -80,7 +84,7 @@ def parameter_covariance(adjusted, motion: Motion) -> ParameterCovariance:
         keys,
         covariance * np.outer(typical, typical),
         null * typical[:, None],
-        (*motion.sentences, *(found.sentences() if more else ())),
+        (*motion.sentences, *(found.sentences() if has_further_directions else ())),
         typical,
     )
 
@@ -114,11 +118,13 @@ def _orthonormal(columns):
     return u[:, values > _SAME * values[0]]
 
 
-def _with(null, more):
-    """Orthonormal columns of null and of those of `more` that are not in it."""
-    for column in more.T:
-        rest = column / np.linalg.norm(column)
-        rest = rest - null @ (null.T @ rest)
-        if np.linalg.norm(rest) > _OWN:
-            null = np.concatenate([null, rest[:, None] / np.linalg.norm(rest)], 1)
+def _with(null, directions):
+    """Orthonormal columns of null and of those of `directions` that are not in it."""
+    for column in directions.T:
+        independent_part = column / np.linalg.norm(column)
+        independent_part = independent_part - null @ (null.T @ independent_part)
+        if np.linalg.norm(independent_part) > _MIN_INDEPENDENT_PART:
+            null = np.concatenate(
+                [null, independent_part[:, None] / np.linalg.norm(independent_part)], 1
+            )
     return null

@@ -82,7 +82,7 @@ def _untested(mapping, poses: np.ndarray, views) -> tuple[Reading, ...]:
         return text
 
     return tuple(
-        replace(reading, seems=named(reading.seems), do=named(reading.do)) for reading in tested
+        replace(reading, symptom=named(reading.symptom), do=named(reading.do)) for reading in tested
     )
 
 
