@@ -376,13 +376,13 @@ def test_halves_that_differ_by_a_chance_below_one_in_a_hundred_are_remarked_on()
     """As those of a sensor tilted by 1 degree, p 0.005, do, where no RMS shows it; with the probability."""
     from scipy.stats import chi2
 
-    from sensors.camera.calibration import _doubts, _notes
+    from sensors.camera.calibration import _model_errors, _notes
 
     made = calibrated(views_of(np.random.default_rng(1), 12)[0], folds=2)
     for chance, said in ((0.005, 1), (0.02, 0)):
         halves = replace(made.halves, chi_square=float(chi2.isf(chance, made.halves.numbers)))
         changed = replace(made, halves=halves)
-        remarks = [*_notes(changed, 2), *_doubts(changed)]
+        remarks = [*_notes(changed, 2), *_model_errors(changed)]
         assert (
             sum(f"chance does so with probability {chance:g}" in one for one in remarks)
             == said

@@ -15,7 +15,7 @@ from sensors.camera.checks import fit_free, group_subset
 from sensors.camera.corners import Corners
 from sensors.camera.model import Camera
 from sensors.camera.start import (
-    FEW,
+    START_CORNERS,
     check_views,
     corner_chain,
     first_poses,
@@ -27,7 +27,7 @@ from sensors.camera.start import (
     usual_focal,
 )
 from sensors.camera.suspect_views import (
-    FAR,
+    BLUNDER_RATIO,
     find_blunders,
     is_behind_board,
     is_collinear,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 FEWEST = 3
 """Board poses: fewer do not determine a camera's focal lengths, principal point and distortion."""
-LEAST = 4
+MIN_CORNERS = 4
 """Corners, not on one line, that a board pose needs."""
 PARALLEL = np.deg2rad(10)
 """Boards that are tilted against each other by less tell little of a focal length."""
@@ -56,7 +56,7 @@ _NO_PLANE = 0.15
 _TURNINGS = 4
 _CIRCLE_FITS = 3  # of boards of circles: what the lens does to a circle is constant within a fit
 _FIRST_STEPS = 2  # of a first fit, which only has to come near
-_STILL = 1.2  # costs' ratio from step to step above which it has not come near
+_MAX_COST_RATIO = 1.2  # costs' ratio from step to step above which it has not come near
 
 
 @dataclass(frozen=True)
@@ -83,19 +83,19 @@ def adjusted(
     """Start, bundle, and bundle again without the blunders. InputError where three board poses do not remain."""
     _enough(views, (), board)
     check_views(views, board, size)
-    usable, few = _usable(views, board)
-    usable, few = _once(usable, few)
-    _enough(usable, few, board)
-    chain, usable_views, wrong = _started(usable, few, board, size, model)
+    usable, without_pose = _usable(views, board)
+    usable, without_pose = _unique_views(usable, without_pose)
+    _enough(usable, without_pose, board)
+    chain, usable_views, wrong = _started(usable, without_pose, board, size, model)
     if distinguishes_rotations(board, effects):
         chain, usable_views = _with_rotated_boards(chain, usable_views, board, model, effects, loss)
-    rejected = [*few, *wrong]
+    rejected = [*without_pose, *wrong]
     left_out = dict.fromkeys((view.image for view in usable_views), 0)
     while True:
         stated = chain.sigma
         chain, fit = _best(chain, effects, loss)
-        far = find_blunders(chain, fit.residual[0])
-        if not far.any():
+        is_blunder = find_blunders(chain, fit.residual[0])
+        if not is_blunder.any():
             return Adjusted(
                 chain,
                 fit,
@@ -103,12 +103,12 @@ def adjusted(
                 tuple(rejected),
                 {k: n for k, n in left_out.items() if n},
             )
-        counts = np.bincount(chain.labels["view"], far, len(usable_views))
+        counts = np.bincount(chain.labels["view"], is_blunder, len(usable_views))
         bad = counts > np.bincount(chain.labels["view"], minlength=len(usable_views)) / 2
         rejected += [
             _rejected(
                 usable_views[k],
-                f"most of its corners are more than {FAR:g} times as far off as half of all "
+                f"most of its corners are more than {BLUNDER_RATIO:g} times as far off as half of all "
                 "corners are",
             )
             for k in np.flatnonzero(bad)
@@ -116,11 +116,11 @@ def adjusted(
         if not bad.any():  # single corners are judged where no whole image spoils the fit any more
             for view, count in zip(usable_views, counts):
                 left_out[view.image] += int(count)
-        chain, usable_views = _less(
+        chain, usable_views = _without_views_and_corners(
             replace(chain, sigma=stated),
             usable_views,
             bad,
-            far if not bad.any() else np.zeros_like(far),
+            is_blunder if not bad.any() else np.zeros_like(is_blunder),
         )
         _enough(usable_views, rejected, board)
 
@@ -147,32 +147,34 @@ def _rejected(view, why):
     return Rejected(view.image, why, view.placement)
 
 
-def _once(views, rejected):
+def _unique_views(views, rejected):
     """Views without those whose corners another has: counted twice, one image would pass for two."""
     of = repeated_views(views)
-    twice = [
+    duplicates = [
         _rejected(view, f"the same corners as {views[k].image}, which would count twice")
         for view, k in zip(views, of)
         if k is not None
     ]
-    return [view for view, k in zip(views, of) if k is None], [*rejected, *twice]
+    return [view for view, k in zip(views, of) if k is None], [*rejected, *duplicates]
 
 
 def _usable(views, board):
     """Views with corners enough for a pose, and those without."""
     usable = []
-    few = []
+    rejected = []
     for view, flat in zip(views, is_collinear(views, board)):
-        if len(view.index) < LEAST:
-            few.append(_rejected(view, f"{len(view.index)} corners: a pose needs {LEAST} or more"))
+        if len(view.index) < MIN_CORNERS:
+            rejected.append(
+                _rejected(view, f"{len(view.index)} corners: a pose needs {MIN_CORNERS} or more")
+            )
         elif flat:
-            few.append(_rejected(view, "its corners lie on one line: they do not tell a pose"))
+            rejected.append(_rejected(view, "its corners lie on one line: they do not tell a pose"))
         else:
             usable.append(view)
-    return usable, few
+    return usable, rejected
 
 
-def _started(views, few, board, size, model):
+def _started(views, rejected_before, board, size, model):
     """The chain at its start, the views in it, and those whose corners are no image of this board."""
     usable = list(views)
     rejected = []
@@ -199,19 +201,21 @@ def _started(views, few, board, size, model):
             if bad[k] or is_behind[k]
         ]
         usable = [view for view, k in zip(usable, group) if not bad[k] and not is_behind[k]]
-        _enough(usable, [*few, *rejected], board)
+        _enough(usable, [*rejected_before, *rejected], board)
 
 
 def _misfit(chain):
     """(G,) RMS of some residuals at the start over the board's extent in the image."""
     chain = chain.at(thinned(chain))
     group = chain.labels["placement"]
-    few = len(chain.poses)
+    group_count = len(chain.poses)
     residual = chain.evaluate(chain.camera.values, {}).residual
-    counts = np.bincount(group, minlength=few)
-    middle = np.stack([np.bincount(group, row, few) / counts for row in chain.pixels])
-    extent = np.bincount(group, ((chain.pixels - middle[:, group]) ** 2).sum(0), few)
-    return np.sqrt(np.bincount(group, (residual**2).sum(0), few) / np.maximum(extent, 1e-300))
+    counts = np.bincount(group, minlength=group_count)
+    middle = np.stack([np.bincount(group, row, group_count) / counts for row in chain.pixels])
+    extent = np.bincount(group, ((chain.pixels - middle[:, group]) ** 2).sum(0), group_count)
+    return np.sqrt(
+        np.bincount(group, (residual**2).sum(0), group_count) / np.maximum(extent, 1e-300)
+    )
 
 
 def _with_rotated_boards(chain, views, board, model, effects, loss):
@@ -226,17 +230,17 @@ def _with_rotated_boards(chain, views, board, model, effects, loss):
     return chain, views
 
 
-def _less(chain, views, bad, far):
-    """Chain and views without the views `bad` (V,) and the corners `far` (n,), renumbered."""
+def _without_views_and_corners(chain, views, bad, is_blunder):
+    """Chain and views without the views `bad` (V,) and the corners `is_blunder` (n,), renumbered."""
     names = placement_groups(views)[1]
-    chain = chain.at(~(bad[chain.labels["view"]] | far))
+    chain = chain.at(~(bad[chain.labels["view"]] | is_blunder))
     chain = replace(
         chain, labels={**chain.labels, "view": (np.cumsum(~bad) - 1)[chain.labels["view"]]}
     )
     views = [view for view, out in zip(views, bad) if not out]
-    still = set(placement_groups(views)[1])
+    remaining = set(placement_groups(views)[1])
     return group_subset(
-        chain, np.array([k for k, name in enumerate(names) if name in still], int)
+        chain, np.array([k for k, name in enumerate(names) if name in remaining], int)
     ), views
 
 
@@ -274,13 +278,13 @@ def adjust(
     and is added to their variances for the last fit: a corner of high contrast is not to be believed
     to a hundredth of a pixel because noise alone would allow it.
     """
-    many = chain.pixels.shape[1] > 3 * FEW * len(chain.poses)
+    many = chain.pixels.shape[1] > 3 * START_CORNERS * len(chain.poses)
     first = replace(
         chain.at(thinned(chain)) if many else chain, sigma=np.full((2, 1), np.median(chain.sigma))
     )
     table = Model(first, tuple(effects)).parameters
     fit = fit_free(first, effects, table.only(np.ones(len(table), bool)), loss, _FIRST_STEPS)
-    if not fit.converged and fit.history[-2] > _STILL * fit.history[-1]:
+    if not fit.converged and fit.history[-2] > _MAX_COST_RATIO * fit.history[-1]:
         fit = fit_free(replace(first, poses=fit.values["placement"]), effects, fit.parameters, loss)
     chain = replace(
         chain, poses=fit.values["placement"], sigma=np.hypot(chain.sigma, _excess(fit, chain.sigma))

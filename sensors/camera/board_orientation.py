@@ -82,12 +82,14 @@ def rotate_views(
     """Chain and views with the board in the poses `is_rotated` (G,) laid on itself by a rotation by 90 deg."""
     group = placement_groups(views)[0]
     views = [relabelled(view, board, 1) if is_rotated[k] else view for view, k in zip(views, group)]
-    back = _quarter(board).T
+    quarter_inverse = _quarter(board).T
     middle = board.middle
     matrix = rotation_matrix(chain.poses[:, 3:])
-    translation = chain.poses[:, :3] + (matrix @ (middle - back @ middle))
+    translation = chain.poses[:, :3] + (matrix @ (middle - quarter_inverse @ middle))
     poses = np.where(
-        is_rotated[:, None], np.c_[translation, rotation_vector(matrix @ back)], chain.poses
+        is_rotated[:, None],
+        np.c_[translation, rotation_vector(matrix @ quarter_inverse)],
+        chain.poses,
     )
     fresh = corner_chain(views, board, chain.camera.size, model)
     return replace(fresh.moved(chain.camera, poses), sigma=fresh.sigma), views
@@ -98,10 +100,10 @@ def _quarter(board):
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     rotated = np.rot90(np.arange(board.count).reshape(board.rows, board.columns)).ravel()
     displacement = board.points - board.middle[:, None]
-    there = displacement[:, np.argsort(rotated)]
+    renumbered = displacement[:, np.argsort(rotated)]
     return (
         quarter
-        if np.abs(quarter @ displacement - there).max()
-        < np.abs(quarter.T @ displacement - there).max()
+        if np.abs(quarter @ displacement - renumbered).max()
+        < np.abs(quarter.T @ displacement - renumbered).max()
         else quarter.T
     )

@@ -33,7 +33,7 @@ from sensors.camera.focal_scatter import FocalScatter, focal_scatter
 from sensors.camera.model import Camera
 from sensors.camera.model_choice import AUTO, ModelChoice, choose_model
 from sensors.camera.start import MODELS, corner_chain, placement_groups
-from sensors.camera.suspect_views import FAR
+from sensors.camera.suspect_views import BLUNDER_RATIO
 from sensors.camera.two_cameras import TwoCameras, find_two_cameras
 from sensors.effects.artefact import BoardBow
 from workbench.core.effect import Effect
@@ -270,7 +270,7 @@ def calibrate_camera(
         calibration,
         undetermined=tuple(_undetermined(calibration)),
         notes=notes,
-        remarks=(*notes, *_doubts(calibration)),
+        remarks=(*notes, *_model_errors(calibration)),
     )
 
 
@@ -310,12 +310,12 @@ def _height(board, values, covariance):
 
 def _undetermined(calibration: CameraCalibration) -> list[str]:
     """State what these images do not determine, or only poorly because the boards were parallel."""
-    said = list(calibration.fit.known.sentences())
+    sentences = list(calibration.fit.known.sentences())
     if calibration.curved is not None:
-        said.append(calibration.curved.sentence)
+        sentences.append(calibration.curved.sentence)
     spread = tilts(calibration.poses)
     if spread > PARALLEL:
-        return said
+        return sentences
     weak = not calibration.determined[calibration.fit.table.index["camera.fx"]]
     sigma = f"{calibration.std['camera.fx']:.2g} px (1 sigma)"
     known = "is confounded with its distance" if weak else f"is known to {sigma} only"
@@ -323,36 +323,36 @@ def _undetermined(calibration: CameraCalibration) -> list[str]:
         f"the board was parallel to itself within {np.rad2deg(spread):.1f} degrees at all {len(calibration.poses)} "
         f"board poses: the focal length, which shows where it is tilted, {known}; tilt it by 20 to 45 degrees "
         "both ways",
-        *said,
+        *sentences,
     ]
 
 
 def _notes(calibration: CameraCalibration, folds: int) -> list[str]:
     """State what a user should know of the images and the fit, and no other sentence says."""
-    said = _extrapolated(calibration)
+    sentences = _extrapolated(calibration)
     if calibration.choice is not None:
-        said += [calibration.choice.sentence, *calibration.choice.extrapolation]
+        sentences += [calibration.choice.sentence, *calibration.choice.extrapolation]
     if calibration.left_out:
         rows = ", ".join(f"{count} of {image}" for image, count in calibration.left_out.items())
-        said.append(
-            f"corners left out because they are more than {FAR:g} times as far off as half of all are: {rows}"
+        sentences.append(
+            f"corners left out because they are more than {BLUNDER_RATIO:g} times as far off as half of all are: {rows}"
         )
     if folds and calibration.held_out is None:
-        said.append(
+        sentences.append(
             f"no image could be left out as a check: {len(calibration.poses)} board poses are too few; take more"
         )
     if not calibration.fit.converged:
-        said.append(calibration.fit.outcome)
-    return [*said, *_on_flatness(calibration)]
+        sentences.append(calibration.fit.outcome)
+    return [*sentences, *_on_flatness(calibration)]
 
 
-def _doubts(calibration: CameraCalibration) -> list[str]:
+def _model_errors(calibration: CameraCalibration) -> list[str]:
     """State why the lens, the board or the images are not as the model says."""
     shared_errors = (calibration.printed, calibration.lens)
-    said = [test.sentence for test in shared_errors if test is not None and test.significant]
+    sentences = [test.sentence for test in shared_errors if test is not None and test.significant]
     if calibration.halves is not None and calibration.halves.p_value < UNLIKELY:
         chance = f"chance does so with probability {calibration.halves.p_value:.1g}"
-        said.append(
+        sentences.append(
             f"{calibration.halves.sentence} ({chance}): the lens is "
             f"not of the model fitted, or the corners of an image share errors; {_on_sigmas(calibration)}"
         )
@@ -361,12 +361,12 @@ def _doubts(calibration: CameraCalibration) -> list[str]:
         and calibration.shared.significant
         and not _names_shared(calibration)
     ):
-        said.append(calibration.shared.sentence)
+        sentences.append(calibration.shared.sentence)
     if calibration.focal is not None and calibration.focal.significant:
-        said.append(calibration.focal.sentence)
+        sentences.append(calibration.focal.sentence)
     if calibration.two_cameras is not None:
-        said.append(calibration.two_cameras.sentence)
-    return said
+        sentences.append(calibration.two_cameras.sentence)
+    return sentences
 
 
 def _extrapolated(calibration: CameraCalibration) -> list[str]:

@@ -82,7 +82,7 @@ def held_out(
     folds = min(folds, len(chain.poses))
     if folds < 2 or len(chain.poses) - -(-len(chain.poses) // folds) < ENOUGH:
         return None
-    parts: list[list[np.ndarray]] = [[], [], [], []]
+    residual_sets: list[list[np.ndarray]] = [[], [], [], []]
     for fold in range(folds):
         out = np.arange(fold, len(chain.poses), folds)
         training = group_subset(chain, np.setdiff1d(np.arange(len(chain.poses)), out))
@@ -90,11 +90,14 @@ def held_out(
         camera = fit_free(training, effects, known, loss).parameters
         camera_of_opencv = opencv_camera(training)
         for part, residual in zip(
-            parts,
-            (*_ours(held_out_views, effects, camera), *_opencv(held_out_views, camera_of_opencv)),
+            residual_sets,
+            (
+                *_full_and_halved(held_out_views, effects, camera),
+                *_opencv(held_out_views, camera_of_opencv),
+            ),
         ):
             part.append(residual)
-    return HeldOut(folds, *(rms(np.concatenate(part, axis=1)) for part in parts))
+    return HeldOut(folds, *(rms(np.concatenate(part, axis=1)) for part in residual_sets))
 
 
 def _halves(chain):
@@ -104,7 +107,7 @@ def _halves(chain):
     return rank % 2 == 0, rank % 2 == 1
 
 
-def _ours(chain, effects, known):
+def _full_and_halved(chain, effects, known):
     """(2, n) residuals with each pose from all its corners, and with the pose from the other half of them."""
     model = Model(posed(chain, effects, known), tuple(effects))
     halved = np.empty(chain.pixels.shape)
@@ -120,7 +123,7 @@ def residuals_of_halves(
     chain: Corners, effects: Sequence[Effect], known: Parameters
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors (2, n) px with each pose from every second corner and judged on the others, and the board pose (n,)."""
-    return _ours(chain, effects, known)[1], chain.labels["placement"]
+    return _full_and_halved(chain, effects, known)[1], chain.labels["placement"]
 
 
 def opencv_camera(chain: Corners) -> Camera:
@@ -173,15 +176,19 @@ def _opencv_fisheye(chain: Corners) -> Camera:
 
 
 def _opencv(chain, camera):
-    """As `_ours`, with OpenCV's camera and poses."""
+    """As `_full_and_halved`, with OpenCV's camera and poses."""
     full_error = np.empty(chain.pixels.shape)
     halved = np.empty(chain.pixels.shape)
     even, odd = _halves(chain)
     for g in range(len(chain.poses)):
-        mine = chain.labels["placement"] == g
-        full_error[:, mine] = _seen_by_opencv(chain, camera, mine, mine)
+        is_of_placement = chain.labels["placement"] == g
+        full_error[:, is_of_placement] = _seen_by_opencv(
+            chain, camera, is_of_placement, is_of_placement
+        )
         for half, other in ((even, odd), (odd, even)):
-            halved[:, mine & other] = _seen_by_opencv(chain, camera, mine & half, mine & other)
+            halved[:, is_of_placement & other] = _seen_by_opencv(
+                chain, camera, is_of_placement & half, is_of_placement & other
+            )
     return full_error, halved
 
 
@@ -217,11 +224,11 @@ def projection_uncertainty(camera: Camera, covariance: np.ndarray, distance: flo
     """
     x, y, by_value, _ = _compensated(camera, distance)
     spread = np.einsum("pcn,pq,qdn->ncd", by_value, covariance, by_value)
-    across = spread[:, 0, 0]
-    along = spread[:, 1, 1]
-    both = spread[:, 0, 1]
-    largest = (across + along) / 2 + np.hypot(
-        (across - along) / 2, both
+    variance_u = spread[:, 0, 0]
+    variance_v = spread[:, 1, 1]
+    covariance_uv = spread[:, 0, 1]
+    largest = (variance_u + variance_v) / 2 + np.hypot(
+        (variance_u - variance_v) / 2, covariance_uv
     )  # larger eigenvalue of each 2 x 2 matrix
     return FieldMap(x, y, np.sqrt(np.maximum(largest, 0)).reshape(len(y), len(x)), distance)
 
@@ -236,7 +243,9 @@ def _compensated(camera, distance):
     return (
         x,
         y,
-        np.where(is_usable, _without(by_value, motion_rows(by_point, points), is_usable), np.nan),
+        np.where(
+            is_usable, _without_motions(by_value, motion_rows(by_point, points), is_usable), np.nan
+        ),
         points,
     )
 
@@ -247,7 +256,7 @@ def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
     return np.concatenate([by_point, np.einsum("knj,jcn->kcn", by_rotation, by_point)])
 
 
-def _without(rows, motion, is_usable):
+def _without_motions(rows, motion, is_usable):
     """rows (P, 2, n) less what the motions (6, 2, n) make of them where `good`."""
     known = motion[:, :, is_usable].reshape(len(motion), -1).T
     share = least_squares(known, rows[:, :, is_usable].reshape(len(rows), -1).T)
@@ -292,10 +301,12 @@ def compare_halves(
     chain: Corners, effects, known: Parameters, loss: str, distance: float
 ) -> Halves | None:
     """Cross-validation between halves; None where a half would have too few board poses."""
-    every = np.arange(len(chain.poses))
-    if len(every) < 2 * ENOUGH:
+    placements = np.arange(len(chain.poses))
+    if len(placements) < 2 * ENOUGH:
         return None
-    fits = [fit_free(group_subset(chain, every[part::2]), effects, known, loss) for part in (0, 1)]
+    fits = [
+        fit_free(group_subset(chain, placements[part::2]), effects, known, loss) for part in (0, 1)
+    ]
     size = len(chain.parameters)
     first, second = (Camera.of(fit.parameters.values[:size], chain.camera.size) for fit in fits)
     spread = sum(fit.covariance[:size, :size] for fit in fits)

@@ -182,7 +182,7 @@ class _OnBoard:
     def __init__(self, chain, nominal):
         self.group = chain.labels["placement"]
         self.vectors = chain.poses[:, 3:]
-        self.rotation = _each(rotation_matrix(self.vectors), self.group)
+        self.rotation = _matrix_of_point(rotation_matrix(self.vectors), self.group)
         self.rotated = np.stack(
             [
                 row[0] * nominal[0] + row[1] * nominal[1] + row[2] * nominal[2]
@@ -199,10 +199,10 @@ class _OnBoard:
     @property
     def swing(self):
         """(3, 3, n) rotation, camera frame, per unit of each number of the rotation vector (second index)."""
-        return _each(left_jacobian(self.vectors), self.group)
+        return _matrix_of_point(left_jacobian(self.vectors), self.group)
 
 
-def _each(matrices, group):
+def _matrix_of_point(matrices, group):
     """(3, 3, n) from matrices (G, 3, 3) of the groups (n,)."""
     return matrices.reshape(-1, 9).T.take(group, 1).reshape(3, 3, -1)
 
@@ -214,7 +214,9 @@ class Evaluation:
         self._radius = chain.radius
         self._board = _OnBoard(chain, _moved(chain.points, deltas.get("target")))
         self._bend = _moved(np.zeros((3, 1)), deltas["ray"]) if "ray" in deltas else None
-        self._aimed = self._board.points if not chain.radius else self._board.points + self._aside
+        self._aimed = (
+            self._board.points if not chain.radius else self._board.points + self._centre_shift
+        )
         aim = self._aimed if self._bend is None else self._aimed - self._range * self._bend
         pixels, self._by_aim, self._by_value = camera.project_rows(aim)
         if chain.radius:
@@ -230,7 +232,7 @@ class Evaluation:
         return tilt
 
     @property
-    def _aside(self):
+    def _centre_shift(self):
         """(3, n) mm, from a circle's middle to the point whose image is the middle of the circle's image."""
         return centre_shift(self._board.points, self._board.normals, self._radius)
 
@@ -243,8 +245,8 @@ class Evaluation:
         """(3, 2, n) by the point that is aimed at, before the ray is bent."""
         if self._bend is None:
             return self._by_aim
-        along = _dot(self._by_aim, self._bend)
-        return self._by_aim - (self._aimed / self._range)[:, None] * along
+        by_range = _dot(self._by_aim, self._bend)
+        return self._by_aim - (self._aimed / self._range)[:, None] * by_range
 
     @cached_property
     def _by_point(self):

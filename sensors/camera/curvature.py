@@ -48,8 +48,10 @@ def curved(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> Curved 
     course = covariance[:, k] / sigma[k]
     poses = fit.group_cross()[:, :, k] / sigma[k]
     model = Model(chain, tuple(effects))
-    here, *there = (_cost(model, fit, step * course, step * poses) for step in (0.0, -_STEP, _STEP))
-    rise = tuple((cost - here) / fit.sigma_scale**2 for cost in there)
+    cost_at_solution, *costs_at_steps = (
+        _cost(model, fit, step * course, step * poses) for step in (0.0, -_STEP, _STEP)
+    )
+    rise = tuple((cost - cost_at_solution) / fit.sigma_scale**2 for cost in costs_at_steps)
     if all(_EXPECTED / _HOLDS < ratio < _EXPECTED * _HOLDS for ratio in rise):
         return None
     return Curved(table.table[k].label or table.keys[k], (course / sigma) ** 2 > _WITH, rise)

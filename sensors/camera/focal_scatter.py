@@ -72,18 +72,20 @@ def focal_scatter(
     degrees = reduced.degrees
     if groups < _FEWEST_POSES - 1 or degrees < 1:
         return None
-    one = reduced.squares()
-    own = reduced.squares(np.inf)
-    variance = own / degrees
-    p_value = float(fisher.sf((one - own) / groups / variance, groups, degrees))
+    squares_common = reduced.squares()
+    squares_individual = reduced.squares(np.inf)
+    variance = squares_individual / degrees
+    p_value = float(
+        fisher.sf((squares_common - squares_individual) / groups / variance, groups, degrees)
+    )
     share, share_std = reduced.most_probable_scatter(variance)
     changes, std = reduced.changes(variance)
     middle = np.array([[chain.camera.cx], [chain.camera.cy]])
     reach = float(np.sqrt(((chain.pixels - middle) ** 2).mean()))
     noise = float(np.sqrt((np.asarray(chain.sigma) ** 2).mean()))
-    visible = share * noise * float(np.sqrt(reduced.focal.sum() / chain.pixels.size))
-    about = (share, share_std, share * reach, visible, noise * float(np.sqrt(variance)), p_value)
-    return FocalScatter(*about, changes, std)
+    shift_px = share * noise * float(np.sqrt(reduced.focal.sum() / chain.pixels.size))
+    summary = (share, share_std, share * reach, shift_px, noise * float(np.sqrt(variance)), p_value)
+    return FocalScatter(*summary, changes, std)
 
 
 @dataclass(frozen=True)
@@ -108,10 +110,10 @@ class ReducedCorners:
         by_focal = []
         squares = []
         for g in range(len(chain.poses)):
-            mine = chain.labels["placement"] == g
-            of_pose = poses[:, :, mine].reshape(_POSE, -1).T
+            is_of_placement = chain.labels["placement"] == g
+            of_pose = poses[:, :, is_of_placement].reshape(_POSE, -1).T
             basis = np.linalg.qr(of_pose / np.linalg.norm(of_pose, axis=0))[0]
-            joined = np.concatenate([rows[:, :, mine], focal[None, :, mine]])
+            joined = np.concatenate([rows[:, :, is_of_placement], focal[None, :, is_of_placement]])
             joined = joined.reshape(len(joined), -1).T
             joined = joined - basis @ (basis.T @ joined)
             gram = gram + joined[:, :-1].T @ joined[:, :-1]
@@ -181,14 +183,14 @@ def _whitened(chain: Corners, fit: BundleFit, effects):
     table = model.parameters.take_over(fit.parameters)
     is_free = [key in fit.table.keys or key.count(".") > 1 for key in table.keys]
     residual, rows = model.linearise(table.only(np.array(is_free)))
-    here = model.evaluate(table)
+    evaluation = model.evaluate(table)
     sigma = np.broadcast_to(chain.sigma, residual.shape)
-    every = np.concatenate([rows, residual[None]]) / sigma
-    focal = by_focal_length(chain.camera, here) / sigma
-    return every, focal, here.family_rows("placement") / sigma
+    whitened_rows = np.concatenate([rows, residual[None]]) / sigma
+    focal = by_focal_length(chain.camera, evaluation) / sigma
+    return whitened_rows, focal, evaluation.family_rows("placement") / sigma
 
 
-def by_focal_length(camera: Camera, here) -> np.ndarray:
+def by_focal_length(camera: Camera, evaluation) -> np.ndarray:
     """(m, n) px, derivative of the residuals of an evaluation by the relative focal length."""
-    by_fx, by_fy = here.own_rows(np.array([0, 1]))
+    by_fx, by_fy = evaluation.own_rows(np.array([0, 1]))
     return camera.fx * by_fx + camera.fy * by_fy

@@ -139,15 +139,15 @@ class Camera:
         y2 = y * y
         xy = x * y
         r2 = x2 + y2
-        radial, steep, below = self._radial(r2)
-        along = 2 * (p1 * y + p2 * x)
+        radial, steep, denominator = self._radial(r2)
+        tangential = 2 * (p1 * y + p2 * x)
         slope = np.empty((2, *flat.shape))
         slope[0, 1] = slope[1, 0] = 2 * (steep * xy + p1 * x + p2 * y)
-        slope[0, 0] = radial + 2 * steep * x2 + along + 4 * p2 * x
-        slope[1, 1] = radial + 2 * steep * y2 + along + 4 * p1 * y
-        bent = (radial + along) * flat
+        slope[0, 0] = radial + 2 * steep * x2 + tangential + 4 * p2 * x
+        slope[1, 1] = radial + 2 * steep * y2 + tangential + 4 * p1 * y
+        bent = (radial + tangential) * flat
         bent += np.array([[p2], [p1]]) * r2
-        return bent, slope, self._by_coefficient(flat, r2, radial, below, xy)
+        return bent, slope, self._by_coefficient(flat, r2, radial, denominator, xy)
 
     def _radial(self, r2):
         """Radial factor, its derivative by r2, and its denominator (None without k4 to k6)."""
@@ -156,14 +156,14 @@ class Camera:
         steep = k1 + r2 * (2 * k2 + 3 * r2 * k3)
         if len(self.distortion) <= 5:
             return radial, steep, None
-        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-        radial /= below
+        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial /= denominator
         below_slope = k4 + r2 * (2 * k5 + 3 * r2 * k6)
-        return radial, (steep - radial * below_slope) / below, below
+        return radial, (steep - radial * below_slope) / denominator, denominator
 
-    def _by_coefficient(self, flat, r2, radial, below, xy):
+    def _by_coefficient(self, flat, r2, radial, denominator, xy):
         rows = np.empty((len(self.distortion), *flat.shape))
-        np.multiply(flat, r2 if below is None else r2 / below, out=rows[0])
+        np.multiply(flat, r2 if denominator is None else r2 / denominator, out=rows[0])
         np.multiply(rows[0], r2, out=rows[1])
         np.multiply(rows[1], r2, out=rows[4])
         rows[2, 0] = rows[3, 1] = 2 * xy

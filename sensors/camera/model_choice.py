@@ -93,34 +93,34 @@ def choose_model(
 
     effects: those of the board that are fitted together with the camera. Raises InputError where no model fits.
     """
-    parts: dict[str, Adjusted] = {}
+    fits: dict[str, Adjusted] = {}
     problems: dict[str, InputError] = {}
     for model in ORDER:
         progress(f"lens model {model}")
         try:
-            parts[model] = adjusted(views, board, size, model, effects, "huber")
+            fits[model] = adjusted(views, board, size, model, effects, "huber")
         except InputError as problem:
             problems[model] = problem
-    if not parts:
+    if not fits:
         raise problems[ORDER[0]]
-    reference = max(parts.values(), key=lambda part: part.chain.pixels.shape[1])
+    reference = max(fits.values(), key=lambda part: part.chain.pixels.shape[1])
     if len(reference.chain.poses) < 2 * ENOUGH:
-        chosen = next(iter(parts))
-        rows = [_candidate(model, parts, None, reference, problems) for model in ORDER]
-        few = f"{len(reference.chain.poses)} board poses are too few to hold any out"
-        return ModelChoice(chosen, tuple(rows), f"lens model {chosen}: {few}")
+        chosen = next(iter(fits))
+        rows = [_candidate(model, fits, None, reference, problems) for model in ORDER]
+        reason = f"{len(reference.chain.poses)} board poses are too few to hold any out"
+        return ModelChoice(chosen, tuple(rows), f"lens model {chosen}: {reason}")
     fitted = [
         _Fitted(model, part, _held_out_squares(part, reference, effects))
-        for model, part in parts.items()
+        for model, part in fits.items()
     ]
-    best = min(fitted, key=lambda one: np.log(one.squares).mean())
-    rows = [_candidate(model, parts, (fitted, best), reference, problems) for model in ORDER]
+    best = min(fitted, key=lambda candidate_fit: np.log(candidate_fit.squares).mean())
+    rows = [_candidate(model, fits, (fitted, best), reference, problems) for model in ORDER]
     limit = 1.0 if _is_determined(best.part) else _LIMIT_UNDETERMINED
-    judged = [row for row in rows if row.excess is not None]
-    alike = [row.model for row in judged if row.excess <= limit * row.standard_error]
-    close = [row.model for row in judged if row.excess <= _CLOSE and row.model != alike[0]]
-    extrapolation = _extrapolation([alike[0], *close], parts, reference.chain)
-    return ModelChoice(alike[0], tuple(rows), _sentence(alike, rows), extrapolation)
+    compared = [row for row in rows if row.excess is not None]
+    equivalent = [row.model for row in compared if row.excess <= limit * row.standard_error]
+    close = [row.model for row in compared if row.excess <= _CLOSE and row.model != equivalent[0]]
+    extrapolation = _extrapolation([equivalent[0], *close], fits, reference.chain)
+    return ModelChoice(equivalent[0], tuple(rows), _sentence(equivalent, rows), extrapolation)
 
 
 def _is_determined(part: Adjusted) -> bool:
@@ -129,17 +129,19 @@ def _is_determined(part: Adjusted) -> bool:
     return bool(known[: len(part.chain.parameters)].all())
 
 
-def _candidate(model, parts, judged, reference, problems) -> Candidate:
+def _candidate(model, fits, comparison, reference, problems) -> Candidate:
     count = MODELS[model]
-    if model not in parts:
+    if model not in fits:
         return Candidate(model, count, why=str(problems[model]))
-    part = parts[model]
+    part = fits[model]
     fit_px = float(np.sqrt((part.fit.residual[0] ** 2).sum(0).mean()))
     left_out = reference.chain.pixels.shape[1] - part.chain.pixels.shape[1]
-    if judged is None:
+    if comparison is None:
         return Candidate(model, count, fit_px, left_out=left_out)
-    fitted, best = judged
-    squares = next(one.squares for one in fitted if one.model == model)
+    fitted, best = comparison
+    squares = next(
+        squares_of_model.squares for squares_of_model in fitted if squares_of_model.model == model
+    )
     excess = np.log(squares / best.squares) / 2
     deviation = np.median(np.abs(excess - np.median(excess)))
     error = MEDIAN_TO_SIGMA * deviation / np.sqrt(len(excess))
@@ -179,41 +181,41 @@ def _with_camera(chain: Corners, camera: Camera) -> Corners:
     return chain.moved(camera, chain.poses)
 
 
-def _sentence(alike: Sequence[str], rows: Sequence[Candidate]) -> str:
+def _sentence(equivalent: Sequence[str], rows: Sequence[Candidate]) -> str:
     """Why the model was chosen."""
-    judged = [row for row in rows if row.excess is not None]
-    best = min(judged, key=lambda row: row.excess)
-    if best.model == alike[0]:
+    compared = [row for row in rows if row.excess is not None]
+    best = min(compared, key=lambda row: row.excess)
+    if best.model == equivalent[0]:
         why = "it has the smallest error on held-out board poses"
     else:
         why = (
             "it is the simplest whose error on held-out board poses is that of the best "
             f"({best.model}), by the one-standard-error rule"
         )
-    return f"lens model {alike[0]}: {why}"
+    return f"lens model {equivalent[0]}: {why}"
 
 
 def _extrapolation(
-    alike: Sequence[str], parts: dict[str, Adjusted], chain: Corners
+    equivalent: Sequence[str], fits: dict[str, Adjusted], chain: Corners
 ) -> tuple[str, ...]:
     """A sentence where models of the same held-out error differ outside of the corners."""
-    first = parts[alike[0]].chain.camera
+    first = fits[equivalent[0]].chain.camera
     distance = float(np.median(chain.state.points[2]))
-    largest, said = _NOTABLE_PX, ()
-    for other in alike[1:]:
-        difference = projection_difference(first, parts[other].chain.camera, distance)
+    largest, sentences = _NOTABLE_PX, ()
+    for other in equivalent[1:]:
+        difference = projection_difference(first, fits[other].chain.camera, distance)
         is_bare = _without_corners(chain, difference.x, difference.y)
         value = np.where(np.isfinite(difference.value) & is_bare, difference.value, 0.0)
         row, column = np.unravel_index(np.argmax(value), value.shape)
         if value[row, column] > largest:
             largest = value[row, column]
-            said = (
-                f"the models {alike[0]} and {other} describe the corners equally well and differ by "
+            sentences = (
+                f"the models {equivalent[0]} and {other} describe the corners equally well and differ by "
                 f"{largest:.2g} px at the pixel ({difference.x[column]:.0f}, {difference.y[row]:.0f}), where there are "
                 "no corners: the lens is extrapolated there. Take images with the board at this place, or do not "
                 "measure there",
             )
-    return said
+    return sentences
 
 
 def _without_corners(chain: Corners, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sensors.boards.detection import View
 
 MODELS = {"brown": BROWN, "rational": RATIONAL, "fisheye": FISHEYE}
-FEW = 16
+START_CORNERS = 16
 """Corners of a board pose that a start needs: its homography takes four."""
 _CAMERA_GROUPS = 20
 _FISHEYE_VIEWS = np.deg2rad(
@@ -97,15 +97,17 @@ def _covariates(views, order, counts):
 
 
 def thinned(chain: Corners) -> np.ndarray:
-    """(t,) indices of at most `FEW` corners of each board pose."""
+    """(t,) indices of at most `START_CORNERS` corners of each board pose."""
     chosen, new = spread(chain)
     return chosen[new]
 
 
 def spread(chain: Corners) -> tuple[np.ndarray, np.ndarray]:
-    """(G, FEW) corners of each board pose, spread over it and out of step with its columns; which are no repeats."""
+    """(G, START_CORNERS) corners of each board pose, spread over it and not periodic; which are no repeats."""
     bounds = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses) + 1))
-    share = (np.arange(FEW) + np.random.default_rng(0).random(FEW)) / FEW
+    share = (
+        np.arange(START_CORNERS) + np.random.default_rng(0).random(START_CORNERS)
+    ) / START_CORNERS
     chosen = bounds[:-1, None] + (share * np.diff(bounds)[:, None]).astype(int)
     return chosen, np.diff(chosen, axis=1, prepend=-1) > 0
 
@@ -154,9 +156,9 @@ def _first_camera(chain, chosen, new):
     import cv2
 
     camera = chain.camera
-    some = np.unique(np.linspace(0, len(chosen) - 1, _CAMERA_GROUPS).astype(int))
+    chosen_groups = np.unique(np.linspace(0, len(chosen) - 1, _CAMERA_GROUPS).astype(int))
     points, pixels = (
-        [np.ascontiguousarray(of[:, chosen[g, new[g]]].T, np.float32) for g in some]
+        [np.ascontiguousarray(of[:, chosen[g, new[g]]].T, np.float32) for g in chosen_groups]
         for of in (chain.points, chain.pixels)
     )
     try:
@@ -203,8 +205,8 @@ def _transform_normal(places, pixels, weight):
     along_u = np.stack([x, y, ones, zero, zero, zero, -u * x, -u * y, u])
     along_v = np.stack([zero, zero, zero, x, y, ones, -v * x, -v * y, v])
     # (2, 9, G, k) -> (G, 9, 2 k): both equations of all corners of a board
-    both = np.stack([along_u, along_v]) * weight
-    rows = np.moveaxis(both, 2, 0).transpose(0, 2, 1, 3).reshape(len(weight), 9, -1)
+    equations = np.stack([along_u, along_v]) * weight
+    rows = np.moveaxis(equations, 2, 0).transpose(0, 2, 1, 3).reshape(len(weight), 9, -1)
     return rows @ rows.transpose(0, 2, 1)
 
 
@@ -230,9 +232,9 @@ def first_poses(maps: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         :, None, None
     ]
     sums = columns[..., 0] + columns[..., 1], columns[..., 0] - columns[..., 1]
-    along, across = (
+    diagonal, antidiagonal = (
         part / np.linalg.norm(part, axis=1, keepdims=True) / np.sqrt(2) for part in sums
     )
-    x = along + across
-    y = along - across
+    x = diagonal + antidiagonal
+    y = diagonal - antidiagonal
     return np.c_[columns[..., 2], rotation_vector(np.stack([x, y, np.cross(x, y)], axis=-1))]

@@ -18,11 +18,11 @@ from workbench.core.rigid import rotation_matrix
 if TYPE_CHECKING:
     from sensors.boards.detection import View
 
-FAR = 6.0
+BLUNDER_RATIO = 6.0
 """A corner is a blunder where it is more than this many times as far off as half of all corners are, about 7 sigmas."""
 _FLAT = 1e-3  # of the board's extent along its corners: they lie on a line where across they extend less
-_WITHIN = 0.05
-_OVER = 3  # corners more than a warp has numbers: fewer are no test of it
+_MIN_MEDIAN_SIGMA = 0.05
+_MIN_REDUNDANCY = 3  # corners more than a warp has numbers: fewer are no test of it
 _ORDER = 5
 _NEIGHBOURS = 40  # corners of a board pose below which a warp of that order across the board would follow single ones
 _MANY = 3  # board poses that are off smoothly from which on the lens is the cause
@@ -74,7 +74,7 @@ def smoothness_misfit(chain: Corners) -> np.ndarray:
     # residuals are smaller than errors: the warp has numbers of its own
     spare = count - rows.shape[-1]
     error = share * np.sqrt(count / np.maximum(spare, 1))
-    return np.where(spare < _OVER, np.inf, error)
+    return np.where(spare < _MIN_REDUNDANCY, np.inf, error)
 
 
 def is_behind_board(poses: np.ndarray) -> np.ndarray:
@@ -89,21 +89,21 @@ def find_blunders(chain: Corners, residual: np.ndarray) -> np.ndarray:
     What a lens does that is not of the model fitted is smooth across each board, and many boards show
     it: it is no blunder. Images that are off as a whole, and few of them, are.
     """
-    far = _far_off(residual / chain.sigma)
-    if not far.any():
-        return far
+    is_blunder = _far_off(residual / chain.sigma)
+    if not is_blunder.any():
+        return is_blunder
     group = chain.labels["placement"]
     count = np.bincount(group)
     rough = _far_off(_rough(chain, residual) / chain.sigma) | (count < _NEIGHBOURS)[group]
-    smooth = np.bincount(group, far & ~rough) > 0
-    is_whole_view = (np.bincount(group, far) > count / 2) & (smooth.sum() < _MANY)
-    return far & (rough | is_whole_view[group])
+    smooth = np.bincount(group, is_blunder & ~rough) > 0
+    is_whole_view = (np.bincount(group, is_blunder) > count / 2) & (smooth.sum() < _MANY)
+    return is_blunder & (rough | is_whole_view[group])
 
 
 def _far_off(scaled):
     """(n,) True beyond the bound; what is well within its stated sigma is none, however good the others are."""
     distance = np.sqrt((scaled**2).sum(0))
-    return distance > FAR * max(np.median(distance), _WITHIN)
+    return distance > BLUNDER_RATIO * max(np.median(distance), _MIN_MEDIAN_SIGMA)
 
 
 def _rough(chain, residual):

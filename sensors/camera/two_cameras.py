@@ -21,7 +21,8 @@ from workbench.core.parameters import Parameters
 _FEWEST = 3  # board poses that a camera needs
 _ROUNDS, _STARTS = 8, 4
 _LEVEL = 1e-9  # of the F-test, small because of the many divisions that are possible
-_ALIKE = 0.1  # share of the distance of two mirrored principal points, by which their middle is that of the image
+_MIRROR_TOLERANCE = 0.1
+"""Share of the distance of two mirrored principal points by which their middle may be off the centre of the image."""
 _NAMED = 6
 _EXPLAINED = (
     0.5  # share of the sum of squares that two cameras explain, below which they are no cause
@@ -45,7 +46,7 @@ class TwoCameras:
         """Whether the principal points of the two cameras are mirror images of each other in one direction."""
         first, second = self.cameras
         return any(
-            abs(a + b - (size - 1)) < _ALIKE * abs(a - b)
+            abs(a + b - (size - 1)) < _MIRROR_TOLERANCE * abs(a - b)
             for a, b, size in zip(
                 (first.cx, first.cy), (second.cx, second.cy), self.cameras[0].size
             )
@@ -86,20 +87,20 @@ def find_two_cameras(
     count = len(chain.poses)
     if count < 2 * _FEWEST:
         return None
-    one = _squares(chain, effects, known)
+    one_camera = _squares(chain, effects, known)
     best = None
     for start in _divisions(np.asarray(changes), count):
         found = _divided(chain, effects, known, start)
         if found is not None and (best is None or found[1].sum() < best[1].sum()):
             best = found
-    if best is None or not _is_better(chain, one.sum(), best[1].sum(), known):
+    if best is None or not _is_better(chain, one_camera.sum(), best[1].sum(), known):
         return None
     is_other, squares, cameras = best
     if 2 * is_other.sum() > count:
         is_other, cameras = ~is_other, cameras[::-1]
     corners = chain.pixels.shape[1]
     scale = float(np.median(chain.sigma))
-    sizes = tuple(scale * float(np.sqrt(total.sum() / corners)) for total in (one, squares))
+    sizes = tuple(scale * float(np.sqrt(total.sum() / corners)) for total in (one_camera, squares))
     size = chain.camera.size
     numbers = len(chain.parameters)
     fitted = tuple(Camera.of(camera.values[:numbers], size) for camera in cameras)
@@ -142,10 +143,17 @@ def _squares(chain: Corners, effects, known: Parameters) -> np.ndarray:
     return np.bincount(chain.labels["placement"], (residual**2).sum(0), len(chain.poses))
 
 
-def _is_better(chain: Corners, one: float, two: float, known: Parameters) -> bool:
+def _is_better(chain: Corners, one_camera: float, two_cameras: float, known: Parameters) -> bool:
     """F-test of a second camera, which also has to explain most of what one camera leaves."""
     numbers = len(known)
     degrees = chain.pixels.size - 6 * len(chain.poses) - 2 * numbers
-    if degrees < 1 or two > _EXPLAINED * one:
+    if degrees < 1 or two_cameras > _EXPLAINED * one_camera:
         return False
-    return float(fisher.sf((one - two) / numbers / (two / degrees), numbers, degrees)) < _LEVEL
+    return (
+        float(
+            fisher.sf(
+                (one_camera - two_cameras) / numbers / (two_cameras / degrees), numbers, degrees
+            )
+        )
+        < _LEVEL
+    )

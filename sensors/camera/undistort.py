@@ -53,11 +53,11 @@ def fit_inverse(camera) -> Inverse:
         found = np.linalg.lstsq(basis, ideal.ravel(), rcond=1e-13)[0]
         if abs(basis @ found - ideal.ravel()).max() * camera.fx < _GOOD:
             break
-    parts = np.split(found, [degree + 1, degree + 3])
+    coefficients = np.split(found, [degree + 1, degree + 3])
     # plain floats: a numpy scalar of double precision would drag single precision up
     return Inverse(
         camera,
-        *(part.tolist() for part in parts),
+        *(part.tolist() for part in coefficients),
         direction.tolist(),
         _enough(camera, ideal),
         reach,
@@ -80,9 +80,9 @@ def _samples(camera):
 def _basis(seen, direction, degree):
     """(2 k, degree + 5) what multiplies `radial`, `tilt` and `shift`."""
     s = (seen**2).sum(0)
-    along = direction @ seen
+    tilt = direction @ seen
     columns = [seen * s**power for power in range(degree + 1)]
-    columns += [seen * along, seen * along * s, direction[:, None] * s, direction[:, None] * s**2]
+    columns += [seen * tilt, seen * tilt * s, direction[:, None] * s, direction[:, None] * s**2]
     return np.stack([column.ravel() for column in columns], 1)
 
 
@@ -90,8 +90,8 @@ def _enough(camera, ideal):
     """The gap from which a Newton step, whose error is half the curvature times its square, is exact."""
     small = 1e-4
     slopes = [camera.distort_rows(ideal + small * np.eye(2)[:, [axis]])[1] for axis in (0, 1)]
-    here = camera.distort_rows(ideal)[1]
-    curvature = max(abs(slope - here).max() / small for slope in slopes)
+    slope_at_ideal = camera.distort_rows(ideal)[1]
+    curvature = max(abs(slope - slope_at_ideal).max() / small for slope in slopes)
     return float(np.sqrt(_EXACT / camera.fx / max(curvature, 1e-9)))
 
 
@@ -187,23 +187,23 @@ class Workspace:
 
     def _start(self, seen):
         """(2, m) in single precision: the polynomial at the seen points."""
-        at, start, square, _ = self.narrow[0][:, :, : seen.shape[1]]
-        s, factor, part, along, _, _ = self.narrow[1][:, : seen.shape[1]]
-        np.copyto(at, seen)
-        np.multiply(at, at, out=square)
+        point, start, square, _ = self.narrow[0][:, :, : seen.shape[1]]
+        s, factor, part, tilt, _, _ = self.narrow[1][:, : seen.shape[1]]
+        np.copyto(point, seen)
+        np.multiply(point, point, out=square)
         np.add(square[0], square[1], out=s)
         _horner(self.inverse.radial, s, factor)
         if self.straight:
-            return np.multiply(at, factor, out=start)
+            return np.multiply(point, factor, out=start)
         x, y = self.inverse.direction
-        _mixed(x, y, at, along, part)
-        along *= _horner(self.inverse.tilt, s, part)
-        factor += along
-        np.multiply(at, factor, out=start)
+        _mixed(x, y, point, tilt, part)
+        tilt *= _horner(self.inverse.tilt, s, part)
+        factor += tilt
+        np.multiply(point, factor, out=start)
         _horner(self.inverse.shift, s, part)
         part *= s
-        start[0] += np.multiply(part, x, out=along)
-        start[1] += np.multiply(part, y, out=along)
+        start[0] += np.multiply(part, x, out=tilt)
+        start[1] += np.multiply(part, y, out=tilt)
         return start
 
     def _gap(self, flat, seen, gap):
@@ -275,15 +275,15 @@ def _trimmed(*coefficients) -> list[float]:
     return [float(c) for c in coefficients]
 
 
-def _horner(coefficients, at, out):
+def _horner(coefficients, values, out):
     """Polynomial with `coefficients` from the constant term up, into `out`."""
     if len(coefficients) == 1:
         out[:] = coefficients[0]
         return out
-    np.multiply(at, coefficients[-1], out=out)
+    np.multiply(values, coefficients[-1], out=out)
     for coefficient in coefficients[-2:0:-1]:
         out += coefficient
-        out *= at
+        out *= values
     out += coefficients[0]
     return out
 

@@ -15,7 +15,7 @@ from sensors.camera.correlated_errors.shared_effects import BoardLine
 from workbench.core.least_squares.linear_algebra import solve_positive
 from workbench.core.text.uncertain import with_std
 
-_MOST = 3  # lines: more are uneven printing, which the variance component states
+_MAX_LINES = 3  # lines: more are uneven printing, which the variance component states
 _SHARE = 0.8  # of the squares beyond noise that these lines explain; else other errors are as large
 _SURE = 6.0  # standard uncertainties
 _FEWEST_POSES = 3  # of which two predict the third
@@ -76,7 +76,7 @@ def displaced_lines(
     gram = sums.T @ data.gram @ sums
     pull = sums.T @ data.pull
     chosen: list[int] = []
-    while len(chosen) < min(_MOST, len(lines)):
+    while len(chosen) < min(_MAX_LINES, len(lines)):
         trials = [chosen + [k] for k in range(len(lines)) if k not in chosen]
         chosen = max(trials, key=lambda trial: _explained(gram, pull, trial))
         if _explained(gram, pull, chosen) > _SHARE * excess:
@@ -110,8 +110,8 @@ def _described(gram, pull, lines, chosen, noise) -> list[DisplacedLine]:
     # residuals are of the model less the image: a point that stands farther out makes them smaller
     shift = -inverse @ pull[columns]
     std = np.sqrt(noise * np.diag(inverse))
-    parts = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
-    found = [DisplacedLine(lines[k], shift, std) for k, shift, std in parts]
+    estimates = zip(chosen, shift.reshape(-1, 2), std.reshape(-1, 2))
+    found = [DisplacedLine(lines[k], shift, std) for k, shift, std in estimates]
     return [line for line in found if line.is_significant]
 
 
@@ -135,9 +135,9 @@ class PoseTables:
 
     def reselected(self, chosen: Sequence[int], line: int, others: Sequence[int]) -> int:
         """Number of folds in which `line`, next to the other `chosen` lines, fits best of it and `others`."""
-        rest = [k for k in chosen if k != line]
+        retained = [k for k in chosen if k != line]
         total = self.gram.sum(0)
-        trials = [[*rest, k] for k in (line, *others)]
+        trials = [[*retained, k] for k in (line, *others)]
         fits = np.array(
             [[self._fit(total - block_gram, trial) for trial in trials] for block_gram in self.gram]
         )
@@ -174,20 +174,23 @@ def with_held_out(
 
 
 def _held_out(tables: PoseTables, chosen: list[int], line: int, count: int) -> HeldOut:
-    rest = [k for k in chosen if k != line]
+    retained = [k for k in chosen if k != line]
     others = [k for k in range(count) if k not in chosen]
-    without = tables.held_out(rest)
+    without_line = tables.held_out(retained)
     with_it = tables.held_out(chosen)
-    instead = np.array([tables.held_out([*rest, k]).sum() for k in others])
+    with_other_line = np.array([tables.held_out([*retained, k]).sum() for k in others])
     degrees = max(float(tables.degrees.sum()), 1.0)
-    falls = (without - with_it) / np.maximum(tables.degrees, 1.0)
+    falls = (without_line - with_it) / np.maximum(tables.degrees, 1.0)
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     # the variance is that of the errors with the line: what other shared errors add to them counts as noise
     variance = with_it.sum() / degrees
-    scores = -0.5 * np.r_[with_it.sum(), without.sum(), instead] / max(variance, 1e-300)
+    scores = (
+        -0.5 * np.r_[with_it.sum(), without_line.sum(), with_other_line] / max(variance, 1e-300)
+    )
     probability = float(np.exp(scores[0] - np.logaddexp.reduce(scores)))
     rms = tuple(
-        tables.sigma * float(np.sqrt(squares.sum() / degrees)) for squares in (without, with_it)
+        tables.sigma * float(np.sqrt(squares.sum() / degrees))
+        for squares in (without_line, with_it)
     )
     t = float(falls.mean() / spread) if spread > 0 else 0.0
     return HeldOut(t, probability, rms, tables.reselected(chosen, line, others), len(falls))

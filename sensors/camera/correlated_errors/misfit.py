@@ -57,25 +57,26 @@ def bundle_misfit(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> 
 
 
 def lines_left_out(
-    whole: Corners, chain: Corners, fit: BundleFit, effects: Sequence[Effect]
+    all_corners: Corners, chain: Corners, fit: BundleFit, effects: Sequence[Effect]
 ) -> tuple[DisplacedLine, ...]:
     """Displaced lines of the board whose corners contradict all others, so that the fit was made without them.
 
-    whole: all corners of the images, at the solution; chain: those that were fitted. A blunder is one of a single
+    all_corners: all corners of the images, at the solution; chain: those that were fitted. A blunder is one of a single
     image. A point that is left out in most of the images that show it is printed at another place.
     """
-    count = int(whole.labels["corner"].max()) + 1
+    count = int(all_corners.labels["corner"].max()) + 1
     of_whole, of_chain = (
-        one.labels["view"] * count + one.labels["corner"] for one in (whole, chain)
+        corners.labels["view"] * count + corners.labels["corner"]
+        for corners in (all_corners, chain)
     )
     out = ~np.isin(of_whole, of_chain)
-    point = whole.labels["corner"]
+    point = all_corners.labels["corner"]
     seen = np.bincount(point)
     lost = np.bincount(point, out)
     of_board = ((seen >= _FEWEST_IMAGES) & (lost > seen / 2))[point]
     if not of_board.any():
         return ()
-    usable = whole.at(~out | of_board)
+    usable = all_corners.at(~out | of_board)
     rows = scaled(_corner_rows(usable, fit, effects), 1 / usable.sigma)
     sigma = float(np.median(usable.sigma))
     errors = shared_errors(rows, fit.parameters.precision[fit.parameters.mask], sigma)
@@ -102,7 +103,7 @@ def _corner_rows(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> C
     )
 
 
-def _at_least(covariance, least):
+def _at_least(covariance, minimum):
     """With standard deviations that are nowhere below those of another covariance; correlations stay."""
-    wider = np.sqrt(np.maximum(np.diag(least) / np.maximum(np.diag(covariance), 1e-300), 1))
+    wider = np.sqrt(np.maximum(np.diag(minimum) / np.maximum(np.diag(covariance), 1e-300), 1))
     return covariance * np.outer(wider, wider)

@@ -74,12 +74,16 @@ class _Likelihood:
     score: np.ndarray
     factors: tuple[np.ndarray, ...]
     products: tuple[np.ndarray, ...]
-    rest: float
+    residual_squares: float
     degrees: float
 
     def start(self, white: float) -> np.ndarray:
         """Noise from what the effects cannot explain, and an equal share of the remainder for each component."""
-        noise = self.rest / self.degrees if self.degrees > 0 and self.rest > 0 else white
+        noise = (
+            self.residual_squares / self.degrees
+            if self.degrees > 0 and self.residual_squares > 0
+            else white
+        )
         excess = max(float(self.score @ self.score) - len(self.score) * noise, 0.1 * noise)
         sizes = np.array([(factor**2).sum() for factor in self.factors])
         sizes[sizes == 0] = 1.0  # a component without effects may have any variance
@@ -113,16 +117,18 @@ class _Likelihood:
         score = whitened[:, -1]
         squares = float(score @ score)
         cost = 2 * np.log(np.diag(lower)).sum() + squares
-        cost += self.degrees * np.log(noise) + self.rest / noise
+        cost += self.degrees * np.log(noise) + self.residual_squares / noise
         gradient = []
         place = 0
         for variance, factor in zip(effects, self.factors):
-            mine = whitened[:, place : place + factor.shape[1]]
+            of_component = whitened[:, place : place + factor.shape[1]]
             place += factor.shape[1]
-            gradient.append(variance * float((mine**2).sum() - ((mine.T @ score) ** 2).sum()))
+            gradient.append(
+                variance * float((of_component**2).sum() - ((of_component.T @ score) ** 2).sum())
+            )
         # the traces of V^-1 dV add up to the order of V, and the squares of the solved score to its square
         of_noise = len(self.score) - squares - sum(gradient)
-        of_noise += self.degrees - self.rest / noise
+        of_noise += self.degrees - self.residual_squares / noise
         return float(cost) / self.numbers, np.array([of_noise, *gradient]) / self.numbers
 
 
@@ -138,9 +144,9 @@ def _likelihood(data: Reduced) -> _Likelihood | None:
     score = (vectors[:, is_retained].T @ (data.pull / scale)) / root
     rows = root[:, None] * vectors[:, is_retained].T * scale
     factors = tuple(rows[:, data.component == j] for j in range(data.count))
-    rest = max(data.squares - float(score @ score), 1e-12 * data.squares)
+    residual_squares = max(data.squares - float(score @ score), 1e-12 * data.squares)
     products = tuple(factor @ factor.T for factor in factors)
-    return _Likelihood(score, factors, products, rest, float(degrees))
+    return _Likelihood(score, factors, products, residual_squares, float(degrees))
 
 
 def _scales(data: Reduced) -> np.ndarray:

@@ -22,11 +22,11 @@ from workbench.core.model import Model
 
 UNLIKELY = 0.01
 """Probability below which a difference is not put down to chance: one good calibration in a hundred is remarked on."""
-_SOME = (
+_FIRST_POSES = (
     8  # board poses that tell well enough how many numbers the unknowns take of the corners' means
 )
 _CELLS = (8, 6)
-_FEW = 4  # corners of a cell that make a mean
+_MIN_CORNERS = 4  # corners of a cell that make a mean
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def print_errors(chain: Corners, fit: BundleFit, effects: Sequence[Effect]) -> P
     )
     trace = float(np.trace(corner_blocks[seen], axis1=1, axis2=2).sum())
     sums = _Sums(float((residual**2).sum()), reduction, trace, int(seen.sum()))
-    tested = _tested(fit, sums, _share(chain, fit, effects, _SOME))
+    tested = _tested(fit, sums, _share(chain, fit, effects, _FIRST_POSES))
     return (
         _tested(fit, sums, _share(chain, fit, effects, len(chain.poses)))
         if tested.significant
@@ -102,10 +102,10 @@ def _tested(fit, sums, part):
     from scipy.special import fdtrc
 
     degrees = max(2 * sums.corners - part.degrees, 1.0)
-    rest = max(fit.degrees - degrees, 1.0)
-    noise = max(sums.squares - sums.taken, 1e-300) / rest
+    residual_degrees = max(fit.degrees - degrees, 1.0)
+    noise = max(sums.squares - sums.taken, 1e-300) / residual_degrees
     variance = max(sums.taken - degrees * noise, 0.0) / max(sums.trace - part.trace, 1e-300)
-    p_value = float(fdtrc(degrees, rest, sums.taken / degrees / noise))
+    p_value = float(fdtrc(degrees, residual_degrees, sums.taken / degrees / noise))
     if p_value >= UNLIKELY:
         return PrintErrors(float(np.sqrt(variance)), p_value, fit.covariance)
     unit = fit.covariance / fit.sigma_scale**2
@@ -125,10 +125,10 @@ class _Share:
     spread: np.ndarray
 
 
-def _share(chain, fit, effects, some: int) -> _Share:
-    """From `some` board poses where they are more: they are much alike."""
+def _share(chain, fit, effects, max_poses: int) -> _Share:
+    """From `max_poses` board poses where they are more: they are much alike."""
     count = len(chain.poses)
-    groups = np.unique(np.linspace(0, count - 1, some).astype(int))
+    groups = np.unique(np.linspace(0, count - 1, max_poses).astype(int))
     chosen = chain
     weights = fit.weights[0]
     if len(groups) < count:
@@ -248,21 +248,23 @@ def lens_map(chain: Corners, fit: BundleFit, printed: PrintErrors) -> LensMap:
     ]
     cell = place[1] * _CELLS[0] + place[0]
     count = np.bincount(cell, minlength=_CELLS[0] * _CELLS[1])
-    has_enough = count >= _FEW
+    has_enough = count >= _MIN_CORNERS
     weight = fit.weights[0]
     total = np.maximum(np.bincount(cell, weight, len(count)), 1e-300)
     means = np.stack([np.bincount(cell, weight * row, len(count)) for row in residual]) / total
-    between = float((total * (means**2).sum(0))[has_enough].sum())
+    squares_between = float((total * (means**2).sum(0))[has_enough].sum())
     squares = float((weight * (residual**2).sum(0)).sum())
     degrees = (
         2 * int(has_enough.sum()),
         max(fit.degrees - degrees_used - 2 * int(has_enough.sum()), 1),
     )
-    noise = max(squares - between, 0.0) / degrees[1]
+    noise = max(squares - squares_between, 0.0) / degrees[1]
     rms = np.sqrt(
-        2 * max(between - degrees[0] * noise, 0) / max(2 * float(total[has_enough].sum()), 1e-300)
+        2
+        * max(squares_between - degrees[0] * noise, 0)
+        / max(2 * float(total[has_enough].sum()), 1e-300)
     )
-    p_value = float(fdtrc(*degrees, between / max(degrees[0], 1) / max(noise, 1e-300)))
+    p_value = float(fdtrc(*degrees, squares_between / max(degrees[0], 1) / max(noise, 1e-300)))
     return LensMap(
         np.where(has_enough, means, np.nan).reshape(2, *_CELLS[::-1]), float(rms), p_value
     )

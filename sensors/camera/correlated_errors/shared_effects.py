@@ -58,17 +58,17 @@ def shared_effects(
     for step, nodes in enumerate(_LENS_NODES):
         field = _field(pixels, image, nodes)
         for axis in (0, 1):
-            along = np.zeros((2, pixels.shape[1]))
-            along[axis] = 1.0
-            blocks.append((3 + step, field, along))
+            direction = np.zeros((2, pixels.shape[1]))
+            direction[axis] = 1.0
+            blocks.append((3 + step, field, direction))
     names += [COMPONENTS[3]] * (len(_LENS_NODES) - 1)
     units += [UNITS[3]] * (len(_LENS_NODES) - 1)
-    parts = [_stacked(field, rows) for _, field, rows in blocks]
+    stacked = [_stacked(field, rows) for _, field, rows in blocks]
     component = np.concatenate(
-        [np.full(part.shape[1], k) for (k, _, _), part in zip(blocks, parts)]
+        [np.full(part.shape[1], k) for (k, _, _), part in zip(blocks, stacked)]
     )
     lines = tuple(_board_lines(points, int((component == 0).sum())))
-    return SharedEffects(csr_matrix(hstack(parts)), component, tuple(names), tuple(units), lines)
+    return SharedEffects(csr_matrix(hstack(stacked)), component, tuple(names), tuple(units), lines)
 
 
 def _beyond_bow(field, points):
@@ -107,10 +107,10 @@ def _board_lines(points, first):
     for axis in _line_axes(points):
         label = _labels(points[axis])
         for number in range(int(label.max()) + 1):
-            mine = label == number
-            members = first + np.unique(point[mine])
-            at = float(points[axis][mine].mean())
-            yield BoardLine(axis, number + 1, at, np.stack([members, members + count]))
+            is_on_line = label == number
+            members = first + np.unique(point[is_on_line])
+            coordinate = float(points[axis][is_on_line].mean())
+            yield BoardLine(axis, number + 1, coordinate, np.stack([members, members + count]))
 
 
 def _points(points, by_point):
@@ -158,9 +158,9 @@ def _field(points, box, nodes):
     for right in (0, 1):
         for down in (0, 1):
             index.append((lower[1] + down) * columns + lower[0] + right)
-            across = share[0] if right else 1 - share[0]
-            along = share[1] if down else 1 - share[1]
-            weight.append(across * along)
+            weight_u = share[0] if right else 1 - share[0]
+            weight_v = share[1] if down else 1 - share[1]
+            weight.append(weight_u * weight_v)
     sample = np.tile(np.arange(n), 4)
     shape = (n, nodes[0] * nodes[1])
     return csr_matrix((np.concatenate(weight), (sample, np.concatenate(index))), shape=shape)

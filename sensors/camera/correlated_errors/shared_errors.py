@@ -75,10 +75,10 @@ class SharedErrors:
     @property
     def names(self) -> str:
         """The largest components with their standard deviations, and lines of the board that are displaced."""
-        most = self.largest
+        largest = self.largest
         large = {}
         for name, sigma, unit, size in self.effects:
-            if size > _LARGE * most:
+            if size > _LARGE * largest:
                 large[name] = np.hypot(large.get(name, (0.0, unit))[0], sigma), unit
         words = [f"{name} {value:.2g} {unit}" for name, (value, unit) in large.items()]
         return ", ".join(words + [line.sentence for line in self.lines])
@@ -106,11 +106,11 @@ def without_poses(rows: CornerRows, precision: np.ndarray) -> np.ndarray:
     """(F, 2, n) derivatives less what the poses, with a prior of this precision (6,), absorb of them."""
     reduced = np.array(rows.shared)
     for k in np.unique(rows.pose):
-        mine = rows.pose == k
-        by_pose = rows.by_pose[:, :, mine].reshape(_POSE, -1)
-        shared = rows.shared[:, :, mine].reshape(len(reduced), by_pose.shape[1])
+        is_of_pose = rows.pose == k
+        by_pose = rows.by_pose[:, :, is_of_pose].reshape(_POSE, -1)
+        shared = rows.shared[:, :, is_of_pose].reshape(len(reduced), by_pose.shape[1])
         mix = solve_positive(by_pose @ by_pose.T + np.diag(precision), by_pose @ shared.T)
-        reduced[:, :, mine] = (shared - mix.T @ by_pose).reshape(len(reduced), 2, -1)
+        reduced[:, :, is_of_pose] = (shared - mix.T @ by_pose).reshape(len(reduced), 2, -1)
     return reduced
 
 
@@ -164,13 +164,13 @@ def _columns_of_lines(rows: CornerRows) -> np.ndarray:
     return block_diag(np.eye(len(rows.shared)), sums, 1.0)
 
 
-def _projected(rows: CornerRows, mine) -> np.ndarray:
+def _projected(rows: CornerRows, corners) -> np.ndarray:
     """(2 k, F + q + 1) shared derivatives, effects and residual of one image's corners, the pose projected out."""
     n = rows.pose.size
-    shared = rows.shared[:, :, mine].reshape(len(rows.shared), 2 * len(mine)).T
-    effects = rows.effects.rows[np.r_[mine, n + mine]].toarray()
-    table = np.concatenate([shared, effects, rows.residual[:, mine].reshape(-1, 1)], axis=1)
-    pose = rows.by_pose[:, :, mine].reshape(_POSE, -1).T
+    shared = rows.shared[:, :, corners].reshape(len(rows.shared), 2 * len(corners)).T
+    effects = rows.effects.rows[np.r_[corners, n + corners]].toarray()
+    table = np.concatenate([shared, effects, rows.residual[:, corners].reshape(-1, 1)], axis=1)
+    pose = rows.by_pose[:, :, corners].reshape(_POSE, -1).T
     basis = np.linalg.qr(pose / np.maximum(np.linalg.norm(pose, axis=0), 1e-300))[0]
     return table - basis @ (basis.T @ table)
 
@@ -178,10 +178,10 @@ def _projected(rows: CornerRows, mine) -> np.ndarray:
 def _thinned(rows: CornerRows) -> np.ndarray:
     """(n,) corners of at most so many points of the board in so many images."""
     is_selected = np.ones(rows.pose.size, bool)
-    for labels, most in ((rows.point, _MOST_POINTS), (rows.pose, _MOST_POSES)):
-        every = np.unique(labels)
-        some = every[np.unique(np.linspace(0, len(every) - 1, most).astype(int))]
-        is_selected &= np.isin(labels, some)
+    for labels, max_count in ((rows.point, _MOST_POINTS), (rows.pose, _MOST_POSES)):
+        distinct = np.unique(labels)
+        chosen = distinct[np.unique(np.linspace(0, len(distinct) - 1, max_count).astype(int))]
+        is_selected &= np.isin(labels, chosen)
     return is_selected
 
 
