@@ -101,7 +101,7 @@ def _fitted(cloud, radius, sigma_px):
 
     length = np.linalg.norm(cloud.error, axis=0)
     noise = {"sigma": sigma_px * length, "direction": cloud.error / length}
-    return fit_ball(cloud.points, radius=radius, view=cloud.view, **noise, **cloud.together())
+    return fit_ball(cloud.points, radius=radius, view=cloud.view, **noise, **cloud.shared_errors())
 
 
 def _add(errors: Errors, fit, centre, least) -> None:

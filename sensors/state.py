@@ -67,7 +67,7 @@ class SensorState:
         return np.arccos(np.clip(np.abs((self.rays * self.normals).sum(0)), 0, 1))
 
     @property
-    def along(self) -> np.ndarray:
+    def stripe_place(self) -> np.ndarray:
         """(n,) mm, place along the stripe: across the optical axis, within the light plane."""
         return (stripe_direction(self.planes) * self.points).sum(0)
 
@@ -96,5 +96,5 @@ OF_THE_OBSERVATION = {
 
 def stripe_direction(planes: np.ndarray) -> np.ndarray:
     """(3, n) unit direction within light planes (4, n), across the camera's optical axis."""
-    along = np.stack([planes[1], -planes[0], np.zeros_like(planes[0])])
-    return along / np.linalg.norm(along, axis=0)
+    direction = np.stack([planes[1], -planes[0], np.zeros_like(planes[0])])
+    return direction / np.linalg.norm(direction, axis=0)

@@ -77,7 +77,7 @@ def ratio(make_cloud, truth: Truth, rng) -> float:
             view=cloud.view,
             sigma=SIGMA_PX * length,
             direction=cloud.error / length,
-            **cloud.together(),
+            **cloud.shared_errors(),
         )
         assert fit, fit.outcome
         away = fit.centre - truth.centre

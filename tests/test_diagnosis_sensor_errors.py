@@ -10,7 +10,7 @@ import sensor_virtual
 from sensors.camera.correlated_errors.displaced_lines import DisplacedLine, HeldOut
 from sensors.camera.correlated_errors.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
-from sensors.light.together import Together
+from sensors.light.shared_errors import SharedStripeErrors
 from sensors.scanner.residuals.line_dependence import LineDependence
 from simulated_images import simulated
 from workbench.diagnosis.linear.problem import Located
@@ -167,7 +167,7 @@ def test_a_slope_of_unevenly_spaced_centres_is_no_noise():
     """Centres at dark squares are dropped; what tilts a stripe, as a rolling shutter does, is smooth all the same."""
     stripes = simulated(sensor_virtual.chains(), (), {}, 5).board_stripes
     rng = np.random.default_rng(2)
-    along = stripes.along / np.ptp(stripes.along)
+    along = stripes.stripe_place / np.ptp(stripes.stripe_place)
     uneven = rng.random(stripes.n) < 0.6
     tilted = replace(stripes, pixels=stripes.pixels + stripes.scan * (5 * along + 2 * along**2))
     plain = noise_scale(stripes, "board_stripes")
@@ -201,7 +201,7 @@ def test_a_displacement_that_follows_the_step_is_no_jitter():
 def test_a_displacement_that_varies_along_the_stripes_is_no_jitter():
     """What a model of the lens leaves displaces stripes, too, and bends them by as much."""
     table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
-    along = simulated(sensor_virtual.chains(), (), {}, 5).board_stripes.along
+    along = simulated(sensor_virtual.chains(), (), {}, 5).board_stripes.stripe_place
     wave = 1 + 1.5 * np.sin(2 * np.pi * along / np.ptp(along))
     assert jitter_of(moved_by(lambda placement, step: table[placement, step] * wave)) is None
 
@@ -210,9 +210,9 @@ def test_jitter_is_found_where_the_calibration_holds_it_as_an_error_that_stripes
     table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
     chains = moved_by(lambda placement, step: table[placement, step]).chains
     stripes = chains.board_stripes
-    shared = Together.of(stripes.labels, stripes.along)
+    shared = SharedStripeErrors.of(stripes.labels, stripes.stripe_place)
     shared = replace(shared, sigma=np.array([0.1, 0.0, 0.0]), std=np.full(3, 0.01))
-    held = replace(chains, board_stripes=replace(stripes, together=shared, _start=None))
+    held = replace(chains, board_stripes=replace(stripes, shared_errors=shared, _start=None))
     assert jitter_of(sensor.SensorBench(held)) is not None
 
 

@@ -9,7 +9,7 @@ import pytest
 import sensor_virtual
 from conftest import mostly_slow
 from sensors.effects import CATALOGUE
-from sensors.light.together import Together
+from sensors.light.shared_errors import SharedStripeErrors
 from simulated_images import simulated
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.search.select import find, found_terms
@@ -136,9 +136,9 @@ def test_what_stripes_share_without_an_effect_does_not_weaken_the_fit_with_it():
     values = dict(zip(keys, (4e-4, 2e-4)))
     chains = simulated(true(), (effect,), values, 7)
     stripes = chains.board_stripes
-    alike = Together.of(stripes.labels, stripes.along)
+    alike = SharedStripeErrors.of(stripes.labels, stripes.stripe_place)
     alike = replace(alike, sigma=np.array([0.5, 0.0, 0.2]))
-    chains = replace(chains, board_stripes=replace(stripes, together=alike))
+    chains = replace(chains, board_stripes=replace(stripes, shared_errors=alike))
     rows = {row["key"]: row for row in sensor.SensorBench(chains).parameters((effect,))}
     for key, value in values.items():
         assert rows[key]["std"] < 0.02 * abs(value)

@@ -65,7 +65,7 @@ def test_joined_stripes_reach_the_cramer_rao_bound(make):
             view=cloud.view,
             sigma=SIGMA_PX * length,
             direction=cloud.error / length,
-            **cloud.together(),
+            **cloud.shared_errors(),
         )
         assert fit
         error = fit.centre - centre

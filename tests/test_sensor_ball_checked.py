@@ -284,7 +284,7 @@ def test_sigma_of_a_centre_holds_the_camera_with_the_planes_that_it_misplaced(is
         points = made.reconstruct(noisy, steps)
         cloud = Cloud(made, points, noisy, steps, steps)
         length = np.linalg.norm(cloud.error, axis=0)
-        errors = dict(sigma=0.05 * length, direction=cloud.error / length, **cloud.together())
+        errors = dict(sigma=0.05 * length, direction=cloud.error / length, **cloud.shared_errors())
         fit = fit_ball(points, radius=8.0, start=np.append(centre, 8.0), compare=False, **errors)
         off = fit.centre - centre
         scores.append(off @ np.linalg.solve(fit.covariance[:3, :3], off) / 3)

@@ -322,7 +322,7 @@ def test_a_bowed_light_plane_departs_with_the_square_of_the_place_along_the_stri
     assert flat.delta(np.array([1e-4]), state) == pytest.approx(np.full((1, state.n), 1e-4))
     along = stripe_direction(state.planes)
     np.testing.assert_allclose((along * state.planes[:3]).sum(0), 0, atol=1e-15)
-    np.testing.assert_allclose(state.along, (along * state.points).sum(0))
+    np.testing.assert_allclose(state.stripe_place, (along * state.points).sum(0))
 
 
 def test_a_cone_is_what_the_bow_with_an_apex_makes_of_the_plane():

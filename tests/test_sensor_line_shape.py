@@ -89,7 +89,7 @@ def radius_error(centre, cloud: Cloud, bend: SurfaceLine, shape, sigma) -> float
     length = np.linalg.norm(cloud.error, axis=0)
     limit = np.deg2rad(INCIDENCE_DEG)
     own = {"sigma": np.hypot(sigma, 0.03) * length, "direction": cloud.error / length}
-    own |= {"incidence": limit} | cloud.together()
+    own |= {"incidence": limit} | cloud.shared_errors()
     lit = bend.lit > np.cos(limit)
     fit = _fitted(straight, cloud.view, lit, None, np.append(centre, RADIUS), own)
     return float(fit.radius - RADIUS)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensors.light.together import decorrelated
+from sensors.light.shared_errors import decorrelated
 from workbench.diagnosis.scanner.sensor_linear import rounding_std, rounding_steps
 
 SWEEP = np.linspace(-1.55, 1.65, 20)

@@ -13,7 +13,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, joined, thinned, wrong_points
 from sensors.light.planes import tilt_directions
-from sensors.light.together import Together
+from sensors.light.shared_errors import SharedStripeErrors
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, scanner_text, write_scanner
 from sensors.scanner.model import Scanner
@@ -285,8 +285,10 @@ def test_thinned_stripes_keep_the_errors_that_their_points_share():
     whole = BoardStripeChain(
         CAMERA, scene.stripes, labels, scene.poses, scene.planes, np.zeros(2), 1.0
     )
-    shared = replace(Together.of(labels, whole.along), sigma=np.array([0.03, 0.02, 0.05]))
-    whole = replace(whole, together=shared)
+    shared = replace(
+        SharedStripeErrors.of(labels, whole.stripe_place), sigma=np.array([0.03, 0.02, 0.05])
+    )
+    whole = replace(whole, shared_errors=shared)
     moved = whole.with_families({"placement": scene.poses + 1e-4})
     for chain in (whole, moved):
         thin, block = thinned(chain, chain.n // 8)
@@ -296,8 +298,8 @@ def test_thinned_stripes_keep_the_errors_that_their_points_share():
         for kind in range(3):
             # Covariance of the means that one shared error makes: A b b' A' of the covariance b b' of the points.
             expected = np.bincount(block, shared.shapes[kind]) / size
-            assert np.allclose(thin.together.shapes[kind], expected, atol=1e-12)
-            assert np.array_equal(thin.together.labels[kind][block], shared.labels[kind])
+            assert np.allclose(thin.shared_errors.shapes[kind], expected, atol=1e-12)
+            assert np.array_equal(thin.shared_errors.labels[kind][block], shared.labels[kind])
 
 
 def test_points_far_from_their_stripe_are_named_and_no_others():

@@ -20,7 +20,7 @@ from sensors.ball.fit import fit_ball
 from sensors.ball.shared import Shared
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.planes import tilt_directions
-from sensors.light.together import Together, decorrelated
+from sensors.light.shared_errors import SharedStripeErrors, decorrelated
 from sensors.scanner.adjustment import linearised, solve_once
 from sensors.scanner.calibration import calibrate_scanner
 from sensors.scanner.file import read_scanner, write_scanner
@@ -73,7 +73,7 @@ def test_decorrelated_errors_are_those_of_the_whole_covariance():
     rng, n = np.random.default_rng(1), 30
     labels = {"placement": np.repeat([0, 1], 15), "step": np.tile(np.repeat([0, 1, 2], 5), 2)}
     together = replace(
-        Together.of(labels, rng.uniform(0, 1000, n)), sigma=np.array([0.2, 0.1, 0.3])
+        SharedStripeErrors.of(labels, rng.uniform(0, 1000, n)), sigma=np.array([0.2, 0.1, 0.3])
     )
     sigma = rng.uniform(0.1, 0.4, n)
     covariance = np.diag(sigma**2)
@@ -96,7 +96,7 @@ class Straight:
     y: np.ndarray
     labels: dict
     sigma: np.ndarray
-    together: Together
+    shared_errors: SharedStripeErrors
     poses: np.ndarray = 0.0
     change: np.ndarray = 0.0
     parameters = Parameters.of([Parameter("line.a", "1", 0.0, 1.0)])
@@ -113,7 +113,7 @@ class Straight:
             y=self.y[index],
             labels=labels,
             sigma=self.sigma[:, index],
-            together=self.together.at(index),
+            shared_errors=self.shared_errors.at(index),
         )
 
     def evaluate(self, values, deltas):
@@ -125,10 +125,10 @@ class Straight:
             family_rows=lambda name: self.x[None, [1 if name == "placement" else 2]],
         )
 
-    decorrelated, across, _apart = (
+    decorrelated, between_groups, _decorrelation_steps = (
         BoardStripeChain.decorrelated,
-        BoardStripeChain.across,
-        property(lambda self: self.together.steps_apart(self.sigma[0])),
+        BoardStripeChain.between_groups,
+        property(lambda self: self.shared_errors.steps_apart(self.sigma[0])),
     )
 
 
@@ -137,7 +137,9 @@ def test_a_bundle_with_shared_errors_is_the_dense_generalised_least_squares(spre
     """Also of steps whose numbers a board pose's error mixes: answer and covariance, against the whole matrices."""
     rng, n, placements, steps = np.random.default_rng(7), 180, 5, 4
     labels = {"placement": rng.integers(placements, size=n), "step": rng.integers(steps, size=n)}
-    together = replace(Together.of(labels, rng.uniform(0, 1000, n)), sigma=np.array(spread))
+    together = replace(
+        SharedStripeErrors.of(labels, rng.uniform(0, 1000, n)), sigma=np.array(spread)
+    )
     chain = Straight(
         rng.normal(size=(3, n)), rng.normal(size=n), labels, rng.uniform(0.1, 0.4, (1, n)), together
     )
@@ -206,7 +208,7 @@ def test_a_kind_that_the_unknowns_take_whole_has_no_variance():
 
 def test_stripes_that_err_as_a_whole_are_found_and_said(tmp_path):
     made = calibrated(shaken(4))
-    together = made.made.board_stripes.together
+    together = made.made.board_stripes.shared_errors
     assert (np.abs(together.sigma[:2] - [SHIFT, TILT]) < 3 * together.std[:2]).all() and (
         together.std[:2] < 0.03
     ).all()
@@ -220,7 +222,7 @@ def test_stripes_that_err_as_a_whole_are_found_and_said(tmp_path):
 
 
 def test_stripes_that_do_not_are_left_alone():
-    together = calibrated(shaken(5, 0.0, 0.0)).free.board_stripes.together
+    together = calibrated(shaken(5, 0.0, 0.0)).free.board_stripes.shared_errors
     assert (together.sigma[:2] < 0.03).all() and (together.std[:2] < 0.03).all()
 
 
@@ -261,7 +263,7 @@ def test_what_points_share_does_not_depend_on_where_the_solve_began():
     """The shift of the stripes of one board, conditional on its pose, is a small difference of large numbers: of one place, or it
     comes out less than nothing and its variance without end."""
     made = calibrated(shaken(8, placements=6), mirror=False).free
-    plain = replace(made.board_stripes, together=None)
+    plain = replace(made.board_stripes, shared_errors=None)
     near = solve_once(made.corners, plain, made.effects, made.parameters)
     away = plain.planes + np.array([[0], [0], [0], [0.3]])
     far = solve_once(
@@ -276,7 +278,8 @@ def test_what_points_share_does_not_depend_on_where_the_solve_began():
     left, pull = _left(
         here,
         _effects(
-            here.board_stripes, Together.of(here.board_stripes.labels, here.board_stripes.pixels[1])
+            here.board_stripes,
+            SharedStripeErrors.of(here.board_stripes.labels, here.board_stripes.pixels[1]),
         ),
     )
     values = np.linalg.eigvalsh((left + left.T) / 2)
@@ -289,7 +292,7 @@ def test_placements_whose_stripes_all_err_alike_are_found_and_stand_in_the_sigma
     moved = np.random.default_rng(8).normal(0, 1.0, 8)[truth.placement]
     truth = replace(truth, stripes=truth.stripes + np.stack([moved, 0 * moved]))
     made = calibrated(truth, mirror=False)
-    together = made.free.board_stripes.together
+    together = made.free.board_stripes.shared_errors
     assert (
         abs(together.sigma[2] - 1.0) < 3 * together.std[2] < 1.5 and together.sigma[:2].max() < 0.05
     )
@@ -322,7 +325,7 @@ def test_sweeps_that_disagree_move_no_board_and_are_said():
     truth = lagging(3, 3e-4)
     made = calibrated(truth)
     plain = calibrated(lagging(3, 0.0))
-    together = made.made.board_stripes.together
+    together = made.made.board_stripes.shared_errors
     assert 2 < together.sigma[2] < 4 and made.sigma_corner_px == pytest.approx(0.06, rel=0.1)
     for one, limit in ((made, 0.02), (plain, 0.004)):
         assert aligned(truth, one.camera, one.scanner.planes, steps=one.scanner.steps)[1] < limit
@@ -355,7 +358,7 @@ def test_a_profiler_states_its_plane_in_the_cameras_frame():
 
     truth = simulated_scanner(np.random.default_rng(9), 8, 1, 60)
     made = calibrated(truth)
-    assert len(made.scanner.steps) == 1 and len(made.made.board_stripes.together.named) == 3
+    assert len(made.scanner.steps) == 1 and len(made.made.board_stripes.shared_errors.named) == 3
     assert (
         made.sigma_apart_mm[0] < 1e-9
         and made.sigma_stated_mm is made.sigma_plane_mm

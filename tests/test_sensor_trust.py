@@ -37,7 +37,7 @@ def squared_error(scanner, rng):
     pixels = pixels + np.stack([moved, 0 * moved])
     cloud = Cloud(scanner, scanner.reconstruct(pixels, step), pixels, step, step)
     length = np.linalg.norm(cloud.error, axis=0)
-    own = {"sigma": NOISE * length, "direction": cloud.error / length, **cloud.together()}
+    own = {"sigma": NOISE * length, "direction": cloud.error / length, **cloud.shared_errors()}
     fit = fit_ball(cloud.points, radius=RADIUS, view=cloud.view, **own)
     return (fit.centre - centre) ** 2 / np.diag(fit.covariance)[:3]
 

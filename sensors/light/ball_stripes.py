@@ -59,16 +59,16 @@ class Balls(StripeChain):
         """At the start's camera, balls and planes."""
         if self._start is not None:
             return self._start.state
-        here = self.at_start
+        evaluation = self.at_start
         nowhere = np.full((3, self.n), np.nan)
         return SensorState(
             self.camera,
             self.expected_pixels,
-            here.hits,
+            evaluation.hits,
             self.planes[:, self.labels["step"]],
             self.commanded_angles,
             nowhere[:2],
-            here.normal,
+            evaluation.normal,
             self._numbers[self.labels["ball"]],
             self.covariates,
             nowhere,
@@ -115,15 +115,15 @@ class Evaluation(Sight):
         change = self._delta("plane")
         plane = self._planes() + change[:4]
         depth = -plane[3] / (plane[:3] * self.ray).sum(0)
-        along = stripe_direction(chain.planes)[:, chain.labels["step"]]
+        stripe_axis = stripe_direction(chain.planes)[:, chain.labels["step"]]
         self.slope = plane[:3]
         for _ in range(2 if change[4].any() else 0):
-            across = (along * self.ray).sum(0) * depth
-            miss = (plane[:3] * self.ray).sum(0) * depth + plane[3] + change[4] * across**2
-            self.slope = plane[:3] + 2 * change[4] * across * along
+            stripe_place = (stripe_axis * self.ray).sum(0) * depth
+            miss = (plane[:3] * self.ray).sum(0) * depth + plane[3] + change[4] * stripe_place**2
+            self.slope = plane[:3] + 2 * change[4] * stripe_place * stripe_axis
             depth = depth - miss / (self.slope * self.ray).sum(0)
         self.depth, self.hits = depth, self.ray * depth
-        self.across = (along * self.hits).sum(0)
+        self.stripe_place = (stripe_axis * self.hits).sum(0)
 
     @cached_property
     def by_plane(self) -> np.ndarray:
@@ -149,7 +149,7 @@ class Evaluation(Sight):
             "ray": lambda here: here.by_ray * here.length,
             "mirror": Sight.mirror_rows,
             "plane": lambda here: (
-                here.by_plane * np.stack([*here.hits, np.ones(here.chain.n), here.across**2])
+                here.by_plane * np.stack([*here.hits, np.ones(here.chain.n), here.stripe_place**2])
             ),
             "point": lambda here: -here.normal,
             "target": lambda here: -here.normal,

@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 
 from sensors.camera.model import Camera
+from sensors.light.shared_errors import SharedStripeErrors, decorrelated
 from sensors.light.sight import Sight, StripeChain
-from sensors.light.together import Together, decorrelated
 from sensors.state import SensorState, stripe_direction
 from workbench.core.rigid import left_jacobian, rotation_matrix
 
@@ -44,39 +44,41 @@ class BoardStripeChain(StripeChain):
     angles: np.ndarray | None = None
     change: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
-    together: Together | None = None
+    shared_errors: SharedStripeErrors | None = None
     _start: "BoardStripeChain | None" = field(default=None, repr=False, compare=False)
     family = "placement"
     surfaces = "poses"
 
     @property
-    def along(self) -> np.ndarray:
+    def stripe_place(self) -> np.ndarray:
         """(n,) px, places of points along their stripes."""
         return (self.pixels[::-1] * self.scan).sum(0)
 
     @cached_property
-    def _apart(self):
+    def _decorrelation_steps(self):
         if self._start is not None:
-            return self._start._apart
-        return self.together.steps_apart(np.broadcast_to(self.sigma, (1, self.n))[0])
+            return self._start._decorrelation_steps
+        return self.shared_errors.steps_apart(np.broadcast_to(self.sigma, (1, self.n))[0])
 
-    def decorrelated(self, rows: np.ndarray, across: bool = True) -> np.ndarray:
+    def decorrelated(self, rows: np.ndarray, between_groups: bool = True) -> np.ndarray:
         """(..., n) residuals or their derivatives without what points share: left is noise of `sigma` in each.
 
-        across: also what stripes of a board pose share; only for what is not one step's own.
+        between_groups: also what stripes of a board pose share; only for what is not one step's own.
         """
-        if self.together is None:
+        if self.shared_errors is None:
             return rows
-        within, between_steps = self._apart
-        return decorrelated([*within, *between_steps] if across else within, rows)
+        within_groups, between_steps = self._decorrelation_steps
+        return decorrelated(
+            [*within_groups, *between_steps] if between_groups else within_groups, rows
+        )
 
     @property
-    def across(self) -> tuple[np.ndarray, float] | None:
+    def between_groups(self) -> tuple[np.ndarray, float] | None:
         """Shape (n,), where what the points of a stripe share is taken off, and variance of a board pose's error."""
-        if self.together is None or not self.together.sigma[2]:
+        if self.shared_errors is None or not self.shared_errors.sigma[2]:
             return None
-        return decorrelated(self._apart[0], self.together.shapes[2]), float(
-            self.together.sigma[2] ** 2
+        return decorrelated(self._decorrelation_steps[0], self.shared_errors.shapes[2]), float(
+            self.shared_errors.sigma[2] ** 2
         )
 
     @cached_property
@@ -84,16 +86,16 @@ class BoardStripeChain(StripeChain):
         """At the start's camera, poses and planes, which effects go on reading while a solve moves them."""
         if self._start is not None:
             return self._start.state
-        here = self.at_start
-        on_board = here.on_board
+        evaluation = self.at_start
+        on_board = evaluation.on_board
         return SensorState(
             self.camera,
             self.expected_pixels,
-            here.hits,
+            evaluation.hits,
             self.planes[:, self.labels["step"]],
             self.commanded_angles,
             (on_board[:2] - self.middle[:, None]) / self.half_diagonal,
-            here.normal,
+            evaluation.normal,
             np.zeros(self.n, int),
             self.covariates,
             on_board,
@@ -108,8 +110,8 @@ class BoardStripeChain(StripeChain):
 
     def at(self, samples: np.ndarray) -> "BoardStripeChain":
         """The same on some of the samples (indices or mask); poses and planes stay."""
-        together = None if self.together is None else self.together.at(samples)
-        return replace(super().at(samples), together=together)
+        shared_errors = None if self.shared_errors is None else self.shared_errors.at(samples)
+        return replace(super().at(samples), shared_errors=shared_errors)
 
     @property
     def evaluation(self) -> type["Evaluation"]:
@@ -145,10 +147,10 @@ class Evaluation(Sight):
         self.slope = self.plane[:3]
         self.miss = (self.slope * self.place).sum(0) + self.plane[3]
         if curvature.any():
-            along = stripe_direction(self.chain.planes)[:, self.chain.labels["step"]]
-            self.across = (along * self.place).sum(0)
-            self.slope = self.slope + 2 * curvature * self.across * along
-            self.miss = self.miss + curvature * self.across**2
+            stripe_axis = stripe_direction(self.chain.planes)[:, self.chain.labels["step"]]
+            self.stripe_place = (stripe_axis * self.place).sum(0)
+            self.slope = self.slope + 2 * curvature * self.stripe_place * stripe_axis
+            self.miss = self.miss + curvature * self.stripe_place**2
 
     @cached_property
     def grazing(self) -> np.ndarray:
@@ -191,9 +193,9 @@ class Evaluation(Sight):
         return np.stack([np.zeros_like(self.grazing)] * 2 + [self.grazing])
 
     def _plane_rows(self):
-        along = stripe_direction(self.chain.planes)[:, self.chain.labels["step"]]
-        across = (along * self.place).sum(0)
-        return np.stack([*self.place, np.ones(self.chain.n), across**2])
+        stripe_axis = stripe_direction(self.chain.planes)[:, self.chain.labels["step"]]
+        stripe_place = (stripe_axis * self.place).sum(0)
+        return np.stack([*self.place, np.ones(self.chain.n), stripe_place**2])
 
     ports = MappingProxyType(
         {

@@ -11,7 +11,9 @@ from sensors.light.grouping import centred, groups
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.errors import InputError
 
-_FAR = 5.0  # robust sigmas from the centreline of its own stripe beyond which a point is wrong
+_MAX_DEVIATION = (
+    5.0  # robust sigmas from the centreline of its own stripe beyond which a point is wrong
+)
 _ROUNDS = 6
 _RELATED = 0.05  # correlation below which noise of points along a stripe counts as independent
 _FARTHEST = 100  # points
@@ -101,32 +103,33 @@ class BoardStripes:
         return low
 
 
-def joined(parts: Sequence[BoardStripes]) -> BoardStripes:
+def joined(stripe_sets: Sequence[BoardStripes]) -> BoardStripes:
     """Several as one; InputError where there is none, or they were not measured along one and the same direction."""
-    if not parts or len({part.along for part in parts}) > 1:
-        found = "none" if not parts else "some along rows and some along columns"
+    if not stripe_sets or len({part.along for part in stripe_sets}) > 1:
+        found = "none" if not stripe_sets else "some along rows and some along columns"
         raise InputError(
             f"stripes on boards: expected stripes measured in one direction, found {found}; "
             "take images of the board under the laser, all with one setting"
         )
     known, shaped = (
-        all(getattr(part, name) is not None for part in parts) for name in ("mirror", "shape")
+        all(getattr(part, name) is not None for part in stripe_sets) for name in ("mirror", "shape")
     )
-    names = set.intersection(*(set(part.covariates) for part in parts))
+    names = set.intersection(*(set(part.covariates) for part in stripe_sets))
     gather = {
-        name: np.concatenate([part.covariates[name] for part in parts]) for name in sorted(names)
+        name: np.concatenate([part.covariates[name] for part in stripe_sets])
+        for name in sorted(names)
     }
     columns = (
-        np.concatenate([getattr(part, name) for part in parts])
+        np.concatenate([getattr(part, name) for part in stripe_sets])
         for name in ("placement", "step", "sigma")
     )
     return BoardStripes(
-        np.hstack([part.pixels for part in parts]),
+        np.hstack([part.pixels for part in stripe_sets]),
         *columns,
-        parts[0].along,
-        np.concatenate([part.mirror for part in parts]) if known else None,
+        stripe_sets[0].along,
+        np.concatenate([part.mirror for part in stripe_sets]) if known else None,
         gather,
-        np.hstack([part.shape for part in parts]) if shaped else None,
+        np.hstack([part.shape for part in stripe_sets]) if shaped else None,
     )
 
 
@@ -141,7 +144,7 @@ def on_the_board(board: Board, points: np.ndarray) -> np.ndarray:
     return ((points[:2] >= low[:, None]) & (points[:2] <= high[:, None])).all(0)
 
 
-def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
+def wrong_points(chain: BoardStripeChain, evaluation: Evaluation) -> np.ndarray:
     """(n,) True where a point is far from the centreline of its own stripe.
 
     The residual of a good stripe against any nearly right plane is smooth along the stripe: a
@@ -149,10 +152,10 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
     from it than five robust sigmas of all stripes together (one in two million good points).
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
-    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    place = centred(along, group, count)
+    stripe_place = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    place = centred(stripe_place, group, count)
     shape = np.stack([np.ones_like(place), place, place**2])
-    residual = here.residual[0]
+    residual = evaluation.residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     deviation = residual
     weights = np.ones(chain.n)
@@ -161,7 +164,7 @@ def wrong_points(chain: BoardStripeChain, here: Evaluation) -> np.ndarray:
         deviation = np.abs(residual - centreline) / sigma
         spread = max(MEDIAN_TO_SIGMA * np.median(deviation), 1e-12)
         weights = 1 / (1 + (deviation / (2 * spread)) ** 2)
-    return deviation > _FAR * spread
+    return deviation > _MAX_DEVIATION * spread
 
 
 def _fitted(shape, values, weights, group, count):
@@ -180,8 +183,10 @@ def _fitted(shape, values, weights, group, count):
     return (shape * found.T[:, group]).sum(0)
 
 
-def thinned(chain: BoardStripeChain, most: int = 60_000) -> tuple[BoardStripeChain, np.ndarray]:
-    """At most about `most` points that say what all of them say, and the block (n,) that each point went into.
+def thinned(
+    chain: BoardStripeChain, max_points: int = 60_000
+) -> tuple[BoardStripeChain, np.ndarray]:
+    """At most about `max_points` points that say what all of them say, and the block (n,) that each point went into.
 
     Neighbours along one stripe become one point: their weighted mean, with the sigma of that mean,
     shifted along the scan line so that its residual against the start is the mean of theirs (so
@@ -190,12 +195,12 @@ def thinned(chain: BoardStripeChain, most: int = 60_000) -> tuple[BoardStripeCha
     known of a plane's tilt. Speckle has grains of several rows: blocks are then so long that their
     means err independently.
     """
-    size = max(-(-chain.n // most), _independent(chain))
+    size = max(-(-chain.n // max_points), _independent(chain))
     if size <= 1:
         return chain, np.arange(chain.n)
-    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    stripe_place = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
     group, count = groups(chain.labels["placement"], chain.labels["step"])
-    order = np.lexsort((along, group))
+    order = np.lexsort((stripe_place, group))
     number = np.bincount(group, minlength=count)
     rank = np.arange(chain.n) - np.repeat(np.cumsum(number) - number, number)
     blocks = -(-number // size)  # equal blocks in each stripe
@@ -212,17 +217,21 @@ def _independent(chain: BoardStripeChain) -> int:
     (after Geyer, Statistical Science 7 (1992)), of the residuals against each stripe's own centreline.
     """
     group, count = groups(chain.labels["placement"], chain.labels["step"])
-    along = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
-    order = np.lexsort((along, group))
-    place = centred(along, group, count)
+    stripe_place = chain.pixels[1] * chain.scan[0] + chain.pixels[0] * chain.scan[1]
+    order = np.lexsort((stripe_place, group))
+    place = centred(stripe_place, group, count)
     residual = chain.evaluate(chain.parameters.values, {}).residual[0]
     sigma = np.broadcast_to(chain.sigma, (1, chain.n))[0]
     shape = np.stack([np.ones_like(place), place, place**2])
     white = ((residual - _fitted(shape, residual, 1 / sigma**2, group, count)) / sigma)[order]
     group, memory = group[order], 1.0
     for lag in range(1, _FARTHEST):
-        both = group[lag:] == group[:-lag]
-        share = (white[lag:] * white[:-lag])[both].mean() / (white**2).mean() if both.any() else 0.0
+        is_same_stripe = group[lag:] == group[:-lag]
+        share = (
+            (white[lag:] * white[:-lag])[is_same_stripe].mean() / (white**2).mean()
+            if is_same_stripe.any()
+            else 0.0
+        )
         if share < _RELATED:
             break
         memory += 2 * share
@@ -245,7 +254,9 @@ def _averaged(chain: BoardStripeChain, block: np.ndarray, count: int) -> BoardSt
         pixels=np.stack([mean(row) for row in chain.pixels]),
         sigma=total[None] ** -0.5,
         covariates={name: mean(column) for name, column in chain.covariates.items()},
-        together=None if chain.together is None else chain.together.averaged(first, mean),
+        shared_errors=None
+        if chain.shared_errors is None
+        else chain.shared_errors.averaged(first, mean),
         _start=None if chain._start is None else _averaged(chain._start, block, count),
     )
     values = chain.parameters.values

@@ -42,13 +42,13 @@ class Mirror:
     beam: np.ndarray
 
     @property
-    def across(self) -> np.ndarray:
+    def perpendicular(self) -> np.ndarray:
         """(3,) unit vector to which the face's normal turns first."""
         return np.cross(self.axis, self.face)
 
     def normals(self, angles: np.ndarray) -> np.ndarray:
         """(3, n) unit normal of the face at angles (n,) rad."""
-        return np.outer(self.face, np.cos(angles)) + np.outer(self.across, np.sin(angles))
+        return np.outer(self.face, np.cos(angles)) + np.outer(self.perpendicular, np.sin(angles))
 
     def planes(self, angles: np.ndarray) -> np.ndarray:
         """(4, n) light planes at mirror angles (n,) rad: unit normals, offsets in mm.
@@ -115,7 +115,7 @@ class MovedMirror:
     @property
     def _rotation(self):
         """(3,) rotation vector of axis and face; columns (3, 3) are the start's face, across, axis."""
-        columns = np.stack([self.start.face, self.start.across, self.start.axis], 1)
+        columns = np.stack([self.start.face, self.start.perpendicular, self.start.axis], 1)
         return columns @ self.change[[0, 1, 9]], columns
 
     @property
@@ -198,10 +198,10 @@ def start_mirror(planes: np.ndarray, commanded: np.ndarray, by_step: bool = Fals
     """
     normals = planes[:3]
     directions = np.linalg.svd(normals - normals.mean(1)[:, None])[0]
-    across = np.cross(normals.mean(1), directions[:, 0])
+    perpendicular = np.cross(normals.mean(1), directions[:, 0])
     found = [
-        _about(axis, planes, commanded, by_step)
-        for axis in (directions[:, 2], across / np.linalg.norm(across))
+        _mirror_of_axis(axis, planes, commanded, by_step)
+        for axis in (directions[:, 2], perpendicular / np.linalg.norm(perpendicular))
     ]
     scale = float(np.median(np.abs(planes[3])))
     return min(found, key=lambda candidate: _misfit(candidate, planes, commanded, by_step, scale))
@@ -219,11 +219,11 @@ def on_one_branch(planes: np.ndarray, commanded: np.ndarray) -> np.ndarray:
     middle += _QUARTER * np.round((np.median(commanded) - middle) / _QUARTER)
     wrapped = nearest_branch(commanded, middle)
     scale = float(np.median(np.abs(planes[3])))
-    raw, near = (
+    raw_misfit, wrapped_misfit = (
         _misfit(start_mirror(planes, angles, True), planes, angles, True, scale)
         for angles in (commanded, wrapped)
     )
-    return wrapped if near < _BETTER * raw else commanded
+    return wrapped if wrapped_misfit < _BETTER * raw_misfit else commanded
 
 
 def nearest_branch(angle, middle: float):
@@ -240,7 +240,7 @@ def _misfit(found, planes, commanded, by_step: bool, scale: float) -> float:
     return float(np.sqrt((((mirror_planes - planes) * weight) ** 2).sum(0).mean()))
 
 
-def _about(axis, planes, commanded, by_step: bool):
+def _mirror_of_axis(axis, planes, commanded, by_step: bool):
     """The mirror that turns about this axis (3,), and its gain, as of `start_mirror`."""
     normals = planes[:3]
     middle = normals.mean(1) - (axis @ normals.mean(1)) * axis
@@ -263,9 +263,9 @@ def _about(axis, planes, commanded, by_step: bool):
     return mirror, gain
 
 
-def _assemble(axis, first, second, point, face_angle, beam_angle, along, distance):
-    """A mirror whose face and beam stand at these turns about the axis; along: the beam's part along it."""
+def _assemble(axis, first, second, point, face_angle, beam_angle, axial, distance):
+    """A mirror whose face and beam stand at these turns about the axis; axial: the beam's part along it."""
     face = np.cos(face_angle) * first + np.sin(face_angle) * second
-    flat = np.sqrt(max(1 - along**2, 0.0))
-    beam = flat * (np.cos(beam_angle) * first + np.sin(beam_angle) * second) + along * axis
+    flat = np.sqrt(max(1 - axial**2, 0.0))
+    beam = flat * (np.cos(beam_angle) * first + np.sin(beam_angle) * second) + axial * axis
     return Mirror(axis, point, face, 0.0, np.append(beam, distance - beam @ point))

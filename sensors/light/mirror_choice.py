@@ -15,7 +15,7 @@ from workbench.core.least_squares.identifiability import independent
 
 FEWEST = 5
 """Steps: 15 numbers of free planes against the mirror's seven."""
-_LEAST = 1e-3
+_MIN_PROBABILITY = 1e-3
 """Probability below which the stripes contradict the mirror."""
 _AS_WELL = 5.0
 """Times the usual sigma of a plane over the working volume, beyond which it does not count for the mirror's start."""
@@ -61,7 +61,7 @@ class MirrorCheck:
     @property
     def agrees(self) -> bool:
         """Whether the stripes agree with one mirror: the test by chi-square alone."""
-        return self.probability > _LEAST
+        return self.probability > _MIN_PROBABILITY
 
     @property
     def supported(self) -> bool:
@@ -143,13 +143,13 @@ def _well_known(free: Adjustment, volume) -> np.ndarray:
 
 def _determined(adjustment: Adjustment, by_step):
     """Names of the parameters that the data determine better than was known before, and sentences on the others."""
-    every = tuple(name for name in NAMES if by_step or name != "gain")
+    names = tuple(name for name in NAMES if by_step or name != "gain")
     full = solve_once(
         adjustment.corners,
         adjustment.board_stripes,
         adjustment.effects,
         adjustment.parameters,
-        every,
+        names,
     )
     _, tied = independent(full.fit.normal, full.fit.table, _STRICT * full.fit.sigma_scale)
     left_out = {key.removeprefix("mirror.") for key in tied if key.startswith("mirror.")} | {
@@ -158,37 +158,37 @@ def _determined(adjustment: Adjustment, by_step):
     labels = {p.key: p.label for p in full.fit.table.table}
     reasons = [
         f"{labels[f'mirror.{name}']} is not identifiable from these images: it keeps its start value"
-        for name in every
+        for name in names
         if name in left_out
     ]
-    determined = tuple(name for name in every if name in adjustment.free or name not in left_out)
+    determined = tuple(name for name in names if name in adjustment.free or name not in left_out)
     return determined, reasons
 
 
 def _odd_gain(gain, by_step):
     if by_step or abs(gain - 1) < 0.05:
         return []
-    also = (
+    alternative_gain = (
         ", as if mirror_deg were the angle of the light and not of the mirror"
         if abs(gain - 0.5) < 0.03
         else ""
     )
     return [
-        f"the free planes turn by {2 * gain:.3g} of the commanded angle, expected 2{also}; correct mirror_deg; "
-        "here the mirror's turn per commanded turn was fitted instead"
+        f"the free planes turn by {2 * gain:.3g} of the commanded angle, expected 2{alternative_gain}; "
+        "correct mirror_deg; here the mirror's turn per commanded turn was fitted instead"
     ]
 
 
 def _compared(free, with_mirror, gain, volume, sentences):
-    more = len(with_mirror.fit.parameters.pack()) - len(
+    mirror_parameters = len(with_mirror.fit.parameters.pack()) - len(
         free.fit.parameters.pack()
     )  # the mirror's and its effects'
-    degrees = max(3 * free.board_stripes.planes.shape[1] - more, 1)
+    degrees = max(3 * free.board_stripes.planes.shape[1] - mirror_parameters, 1)
     excess = max(with_mirror.chi2 - free.chi2, 0.0)
     probability = float(
         fdtrc(degrees, free.fit.degrees, excess / degrees / free.fit.sigma_scale**2)
     )
-    each, overall, expected = plane_differences(free, with_mirror, volume)
+    by_step, overall, expected = plane_differences(free, with_mirror, volume)
     std = {
         name: free_std
         for name in with_mirror.free
@@ -205,7 +205,7 @@ def _compared(free, with_mirror, gain, volume, sentences):
         probability,
         overall,
         expected,
-        each,
+        by_step,
         tuple(sentences),
     )
 
@@ -221,8 +221,8 @@ def plane_differences(free: Adjustment, with_mirror: Adjustment, volume: tuple[f
         free.camera, planes, with_mirror.camera, with_mirror.board_stripes.planes, volume
     )
     count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
-    each = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
+    by_step = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
     variance = plane_variance(
         planes, points, step, free.apart(volume).planes - with_mirror.apart(volume).planes
     )
-    return each, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))
+    return by_step, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

@@ -10,14 +10,14 @@ from workbench.core.least_squares.linear_algebra import thin_svd
 TILTS = ("tilt_across", "tilt_along", "offset")
 UNITS = ("rad", "rad", "mm")
 _TYPICAL = np.array([0.01, 0.01, 1.0])
-_APART = 1e-3
+_PARALLEL_SPREAD = 1e-3
 """Spread of the normals (rad, RMS) below which planes are parallel, as of a laser on a slide, and meet nowhere."""
 
 
 def tilt_directions(planes: np.ndarray) -> np.ndarray:
     """(2, 3, S) unit vectors along which the normals of planes (4, S) tilt: the stripe, and across it."""
-    along = stripe_direction(planes)
-    return np.stack([along, np.cross(planes[:3], along, axis=0)])
+    stripe_axis = stripe_direction(planes)
+    return np.stack([stripe_axis, np.cross(planes[:3], stripe_axis, axis=0)])
 
 
 def moved(planes: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -85,7 +85,7 @@ def light_origin(planes: np.ndarray) -> np.ndarray | None:
         return None
     aligned = normals * np.sign(normals @ normals[0])[:, None]
     sides, spread, directions = thin_svd(aligned)
-    if spread[1] / np.sqrt(len(offsets)) < _APART:
+    if spread[1] / np.sqrt(len(offsets)) < _PARALLEL_SPREAD:
         return None
     distances = -offsets * np.sign(normals @ normals[0])
     return directions[:2].T @ (sides[:, :2].T @ distances / spread[:2])
@@ -98,8 +98,8 @@ def plane_variance(
 
     covariance: (3 S, 3 S) of the planes' tilts and offsets.
     """
-    every = np.arange(planes.shape[1])
-    blocks = covariance.reshape(len(every), 3, len(every), 3)[every, :, every]
+    steps = np.arange(planes.shape[1])
+    blocks = covariance.reshape(len(steps), 3, len(steps), 3)[steps, :, steps]
     tilts = np.einsum("kin,in->kn", tilt_directions(planes)[:, :, step], points)
     rows = np.concatenate([tilts, np.ones((1, len(step)))])
     return np.einsum("in,nij,jn->n", rows, blocks[step], rows)

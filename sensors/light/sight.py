@@ -81,8 +81,8 @@ class StripeChain:
     @property
     def commanded_angles(self) -> np.ndarray:
         """(n,) rad, angle of the mirror as commanded at each point; nan where it is unknown."""
-        every = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
-        return every[self.labels["step"]]
+        angles = np.full(self.planes.shape[1], np.nan) if self.angles is None else self.angles
+        return angles[self.labels["step"]]
 
     def at(self, samples: np.ndarray) -> Self:
         """The same on some of the samples (indices or mask); surfaces and planes stay."""
@@ -151,7 +151,9 @@ class Sight:
         self.camera = Camera.of(values[: len(chain.camera.values)], chain.camera.size)
         self.changes = values[len(chain.camera.values) :]
         self.deltas = {
-            port: _whole(port, *delta, chain.n) for port, delta in deltas.items() if port != "noise"
+            port: _full_change(port, *delta, chain.n)
+            for port, delta in deltas.items()
+            if port != "noise"
         }
         self.flat = self.camera.normalised(chain.pixels - self._delta("pixel"))
         self.ray = np.stack([*self.flat, np.ones(chain.n)])
@@ -265,7 +267,7 @@ def _some_or_common(values: np.ndarray, samples: np.ndarray) -> np.ndarray:
     return values if values.shape[1] == 1 else values[:, samples]
 
 
-def _whole(port, port_indices, change, n):
+def _full_change(port, port_indices, change, n):
     """(width, n) change of all components of a port."""
     full = np.zeros((corners.PORTS[port], n))
     full[np.asarray(port_indices)] = change

@@ -20,7 +20,7 @@ _WIDTH_PX = 3.0  # from the line, of centres that it may have displaced
 _GAP_PX = 5.0  # along the line, up to which its centres follow one another
 _ROUNDING_PX = 1e-6  # the same place, computed twice
 _SHARE = 0.3  # of the centres that contradict each other, on one line: a wrong step contradicts everywhere
-_MOST = 5  # lines
+_MAX_LINES = 5  # lines
 _TRIALS = 200
 
 
@@ -66,31 +66,31 @@ def find_stationary_lines(
     displaced = np.zeros(len(centres.step), bool)
     open_ = contradicting(centres, focal)
     lines = []
-    while len(lines) < _MOST and open_.sum() >= _FEWEST:
+    while len(lines) < _MAX_LINES and open_.sum() >= _FEWEST:
         line = _line(centres.pixels[:, open_])
-        near = open_ & (_distance(line, centres.pixels) < _NEAR_PX)
-        images = len(np.unique(centres.image[near]))
-        is_line = near.sum() >= max(_FEWEST, _SHARE * open_.sum()) and images >= _FEWEST_IMAGES
+        is_inlier = open_ & (_distance(line, centres.pixels) < _NEAR_PX)
+        images = len(np.unique(centres.image[is_inlier]))
+        is_line = is_inlier.sum() >= max(_FEWEST, _SHARE * open_.sum()) and images >= _FEWEST_IMAGES
         if not is_line:
             break
-        on = _distance(line, centres.pixels) < _NEAR_PX
-        ends = _ends(line, centres.pixels[:, near], centres.pixels[:, on])
-        lines.append(StationaryLine(ends, int(near.sum()), images))
-        here = _distance(line, centres.pixels) < _WIDTH_PX
-        displaced |= here & _is_between(ends, centres.pixels)
-        open_ &= ~(displaced | near)
+        is_on_line = _distance(line, centres.pixels) < _NEAR_PX
+        ends = _ends(line, centres.pixels[:, is_inlier], centres.pixels[:, is_on_line])
+        lines.append(StationaryLine(ends, int(is_inlier.sum()), images))
+        is_within_width = _distance(line, centres.pixels) < _WIDTH_PX
+        displaced |= is_within_width & _is_between(ends, centres.pixels)
+        open_ &= ~(displaced | is_inlier)
     return tuple(lines), displaced
 
 
 def contradicting(centres: Centres, focal: float) -> np.ndarray:
     """(n,) bool: another centre of the same step is at the same pixel, on a board at another depth."""
-    along = _numbered(np.rint((centres.pixels[::-1] * centres.scan[:, None]).sum(0)))
-    across = (centres.pixels * centres.scan[:, None]).sum(0)
-    place = _numbered(centres.step) * (along.max(initial=0) + 1) + along
+    stripe_place = _numbered(np.rint((centres.pixels[::-1] * centres.scan[:, None]).sum(0)))
+    scan_place = (centres.pixels * centres.scan[:, None]).sum(0)
+    place = _numbered(centres.step) * (stripe_place.max(initial=0) + 1) + stripe_place
     height = np.log(centres.depth)
     found = np.zeros(len(height), bool)
     for shift in (0.0, 0.5):
-        column = _numbered(np.floor(across + shift))
+        column = _numbered(np.floor(scan_place + shift))
         cell = _numbered(place * (column.max(initial=0) + 1) + column)
         low = np.full(len(height), np.inf)
         high = np.full(len(height), -np.inf)
@@ -112,9 +112,9 @@ def _line(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     _, inliers = ransac(
         pixels.T, LineModelND, 2, residual_threshold=_NEAR_PX, max_trials=_TRIALS, rng=0
     )
-    most = pixels[:, inliers] if inliers is not None and inliers.sum() > 1 else pixels
-    middle = most.mean(1)
-    return middle, np.linalg.svd(most - middle[:, None], full_matrices=False)[0][:, 0]
+    line_pixels = pixels[:, inliers] if inliers is not None and inliers.sum() > 1 else pixels
+    middle = line_pixels.mean(1)
+    return middle, np.linalg.svd(line_pixels - middle[:, None], full_matrices=False)[0][:, 0]
 
 
 def _distance(line, pixels) -> np.ndarray:
@@ -124,13 +124,15 @@ def _distance(line, pixels) -> np.ndarray:
     return np.abs(normal @ (pixels - middle[:, None]))
 
 
-def _ends(line, pixels, every) -> np.ndarray:
-    """(2, 2) px, one end a column, of the part of a line that pixels (2, n) cover, and `every` (2, m) without a gap."""
+def _ends(line, pixels, dense_pixels) -> np.ndarray:
+    """(2, 2) px, one end a column, of the part of a line that pixels (2, n) cover, `dense_pixels` (2, m) without a
+    gap.
+    """
     middle, direction = line
     place = direction @ (pixels - middle[:, None])
     first = place.min()
     last = place.max()
-    covered = np.sort(direction @ (every - middle[:, None]))
+    covered = np.sort(direction @ (dense_pixels - middle[:, None]))
     gaps = np.flatnonzero(np.diff(covered) > _GAP_PX)
     starts = covered[np.append(0, gaps + 1)]
     stops = covered[np.append(gaps, len(covered) - 1)]

@@ -25,7 +25,7 @@ def straightened(
         return chain, LineShape(0.0, 0.0)
     bend = _bend(chain, None)
     line = bend.line_shape(shape[0])
-    return _without(chain, bend.centre_bias(line, *shape)), line
+    return _without_pull(chain, bend.centre_bias(line, *shape)), line
 
 
 def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> BoardStripeChain:
@@ -36,7 +36,7 @@ def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> 
     if not plane_width:
         return chain
     bend = _bend(chain, light)
-    return _without(chain, (plane_width / bend.slope) ** 2 * bend.shade)
+    return _without_pull(chain, (plane_width / bend.slope) ** 2 * bend.shade)
 
 
 def _bend(chain, light) -> SurfaceLine:
@@ -54,5 +54,5 @@ def _bend(chain, light) -> SurfaceLine:
     )
 
 
-def _without(chain, pull):
+def _without_pull(chain, pull):
     return replace(chain, pixels=chain.pixels - chain.scan * np.nan_to_num(pull))

@@ -31,7 +31,7 @@ def misfit_of(calibration: ScannerCalibration) -> Misfit | None:
     labels = board_stripes.labels
     stripe = labels["placement"] * len(calibration.scanner.steps) + labels["step"]
     return stripe_misfit(
-        calibration.residual_px[is_good], stripe[is_good], board_stripes.along[is_good]
+        calibration.residual_px[is_good], stripe[is_good], board_stripes.stripe_place[is_good]
     )
 
 

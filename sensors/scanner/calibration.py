@@ -10,9 +10,9 @@ from sensors.light.board_chain import BoardStripeChain
 from sensors.light.board_stripes import BoardStripes, on_the_board, thinned, wrong_points
 from sensors.light.mirror_choice import FEWEST, MirrorCheck, try_mirror
 from sensors.light.planes import plane_through, plane_variance
+from sensors.light.shared_errors import SharedStripeErrors
 from sensors.light.stationary_lines import Centres, StationaryLine, find_stationary_lines
 from sensors.light.straight import straightened, unshaded
-from sensors.light.together import Together
 from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
 from sensors.scanner.errors import Apart, field_points
@@ -203,7 +203,7 @@ def _scanner(
         found.whole.scan[:, 0],
         dict(provenance or {}),
         plane_covariances.frame,
-        stripes.together.named,
+        stripes.shared_errors.named,
         camera_covariance=_camera_covariance(adjustment),
         rays=plane_covariances.rays,
         line=found.line if found.line.plane_width_mm > 0 else None,
@@ -261,19 +261,21 @@ def _dependence(found: "_Found", last: BoardStripeChain, pixels, is_good) -> Lin
         return None
     stripe = last.labels["placement"] * len(found.steps) + last.labels["step"]
     return line_dependence(
-        pixels[is_good], stripe[is_good], last.along[is_good], found.shape[:, is_good]
+        pixels[is_good], stripe[is_good], last.stripe_place[is_good], found.shape[:, is_good]
     )
 
 
 def _on_shared(adjustment, centre):
-    together = adjustment.board_stripes.together
+    together = adjustment.board_stripes.shared_errors
     return [together.sentence, *together.too_much(centre)]
 
 
 def _centre_noise(board_stripes, residual):
     """px, 1 sigma of single centres of stripes, without what they share; of all where there are too few to tell."""
     variance = own_noise(
-        residual, np.ones(board_stripes.n), Together.of(board_stripes.labels, board_stripes.along)
+        residual,
+        np.ones(board_stripes.n),
+        SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place),
     )
     return float(np.sqrt(variance if np.isfinite(variance) else (residual**2).mean()))
 

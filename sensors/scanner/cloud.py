@@ -72,7 +72,7 @@ class Cloud:
     def _common_directions(self, vectors):
         return vectors if self.motion is None else self.motion.directions(vectors, self.image)
 
-    def together(self) -> dict:
+    def shared_errors(self) -> dict:
         """Keyword arguments of `fit_ball` that describe the errors which the points share."""
         if self.motion is not None:
             return {"shared": self.motion.own_errors(self.scanner, self.local, self._seen)} | {

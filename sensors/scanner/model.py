@@ -34,12 +34,12 @@ class Scanner:
     offset (mm), in the frame that fits best, None where unknown; `frame` (6, 6): of that frame itself
     in the camera's, shift (mm) and rotation (rad) about its origin, None where unknown; `volume` (nearest,
     farthest) depth in mm that was calibrated; `scan` (2,) unit vector of the line in which centres are measured, px;
-    `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.together`): it is in the
-    covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's values,
-    None where unknown; `rays` (V + 6, V + 6 + 3 S) covariance of these values and of the frame with these and with
-    the planes, None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera alone;
-    None where the file of an older version holds none. `line`: widths of the laser's line on the boards,
-    None where they are unknown.
+    `shared_px` 1 sigma (px) by which whole stripes on boards erred, by kind (`sensors.light.shared_errors`): it is in
+    the covariance. `turntable`: that turns the object, None without one. `camera_covariance` (V, V) of the camera's
+    values, None where unknown; `rays` (V + 6, V + 6 + 3 S) covariance of these values and of the frame with these and
+    with the planes, None where unknown. `trust`: verdict of its calibration, and `camera_trust` of that of its camera
+    alone; None where the file of an older version holds none. `line`: widths of the laser's line on the boards, None
+    where they are unknown.
     """
 
     camera: Camera

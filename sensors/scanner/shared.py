@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sensors.light.together import NAMES, Together
+from sensors.light.shared_errors import NAMES, SharedStripeErrors
 from sensors.scanner.adjustment import Adjustment, linearised, solve_once, stripe_model
 from sensors.variance_components import estimate_components
 
@@ -21,14 +21,14 @@ def with_shared_errors(adjustment: Adjustment) -> Adjustment:
     Boards first stand where their corners alone put them. From where stripes had pushed them, before it was known
     what these share, no line leads to the likelihood of that: the push would be read as noise of the corners.
     """
-    if adjustment.board_stripes.together is None:
+    if adjustment.board_stripes.shared_errors is None:
         adjustment = _held_by_corners(adjustment)
     for _ in range(_ROUNDS):
-        before = adjustment.board_stripes.together
+        before = adjustment.board_stripes.shared_errors
         together, noise = shared_errors(adjustment)
         board_stripes = replace(
             adjustment.board_stripes,
-            together=together,
+            shared_errors=together,
             sigma=adjustment.board_stripes.sigma * noise,
         )
         adjustment = solve_once(
@@ -61,7 +61,7 @@ def _held_by_corners(adjustment: Adjustment) -> Adjustment:
     board_stripes = replace(
         with_held_corners.board_stripes, sigma=with_held_corners.board_stripes.sigma / _LIGHT
     )
-    together = Together.of(board_stripes.labels, board_stripes.along)
+    together = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
     steps_left = with_held_corners.fit.residual[1][0]
     sigma = np.zeros(len(NAMES))
     for kind in (2, 0):
@@ -71,11 +71,11 @@ def _held_by_corners(adjustment: Adjustment) -> Adjustment:
         sigma[kind] = np.sqrt((means**2).mean())
     return replace(
         with_held_corners,
-        board_stripes=replace(board_stripes, together=replace(together, sigma=sigma)),
+        board_stripes=replace(board_stripes, shared_errors=replace(together, sigma=sigma)),
     )
 
 
-def _settled(before: Together, now: Together) -> bool:
+def _settled(before: SharedStripeErrors, now: SharedStripeErrors) -> bool:
     """Whether variances stay, to a part of what they are known to."""
     estimated = np.isfinite(now.std)
     uncertainty = (now.std * np.maximum(now.sigma, now.std))[estimated]
@@ -94,7 +94,7 @@ def _has_moved_mirror(adjustment):
     return any(abs(move) > _NEAR * adjustment.fit.std[name] for name, move in moved.items())
 
 
-def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
+def shared_errors(adjustment: Adjustment) -> tuple[SharedStripeErrors, float]:
     """Sigmas of what points share, and the factor on their own noise, from an adjustment at its solution.
 
     Restricted maximum likelihood (`sensors.variance_components`) on the adjustment's linear model there, with its
@@ -104,7 +104,7 @@ def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
     few numbers that all share.
     """
     board_stripes = adjustment.board_stripes
-    together = Together.of(board_stripes.labels, board_stripes.along)
+    together = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
     effects = _effects(board_stripes, together)
     if not len(effects.kind):
         return together, 1.0
@@ -126,7 +126,7 @@ def shared_errors(adjustment: Adjustment) -> tuple[Together, float]:
     return replace(together, sigma=sigma, std=std), float(np.sqrt(noise))
 
 
-def own_noise(residual: np.ndarray, weight: np.ndarray, together: Together) -> float:
+def own_noise(residual: np.ndarray, weight: np.ndarray, together: SharedStripeErrors) -> float:
     """Variance of residuals (n,), for unit weight, within stripes: each one's shift and tilt are off; nan for too few.
 
     Planes, poses and all shared errors are of that form along a stripe: whatever else is wrong, this is not.
@@ -223,7 +223,7 @@ def _left(adjustment: Adjustment, effects: _Effects):
     # of what is left of a board pose's shift, nearly all the pose's, a derivative from one step before would make less
     # than nothing
     independent = linearised(
-        replace(adjustment, board_stripes=replace(adjustment.board_stripes, together=None))
+        replace(adjustment, board_stripes=replace(adjustment.board_stripes, shared_errors=None))
     )
     fit = independent.fit
     where = effects.placement

@@ -144,7 +144,7 @@ def _mean_run(wrong: np.ndarray, chain) -> float:
     stripe = (
         chain.labels["placement"] * (chain.labels["step"].max(initial=0) + 1) + chain.labels["step"]
     )
-    order = np.lexsort((chain.along, stripe))
+    order = np.lexsort((chain.stripe_place, stripe))
     ordered = wrong[order]
     of_stripe = stripe[order]
     starts = ordered.copy()

@@ -116,10 +116,10 @@ def solve_bundle(
     parameters: one table that holds every key of every model. A chain with families offers, in
     addition to `model.Chain`, `labels` (family -> (n,) int group of each sample), `with_families`
     (mapping family -> values) and, in its evaluation, `family_rows(name)` (L, m, n). One whose samples
-    share errors offers `decorrelated(rows, across=True)` (..., m, n), which makes residuals and derivatives independent
-    ones of its `sigma`; across=False within each combination of groups alone, with `across` then the shape (n,) and
-    the variance of what all samples of a group that is eliminated share beyond that (m = 1), None for nothing. The
-    state that its effects read stays that of the start. loss: "linear", "huber"
+    share errors offers `decorrelated(rows, between_groups=True)` (..., m, n), which makes residuals and derivatives
+    independent ones of its `sigma`; between_groups=False within each combination of groups alone, with
+    `between_groups` then the shape (n,) and the variance of what all samples of a group that is eliminated share beyond
+    that (m = 1), None for nothing. The state that its effects read stays that of the start. loss: "linear", "huber"
     or "cauchy", a model's samples reweighted with the noise's scale from their own median. progress is
     called with each step's number and cost. Damping and stopping are those of `solve.solve`.
     InputError where a model has a parameter that the table lacks, or a group without a start.

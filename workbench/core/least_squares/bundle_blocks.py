@@ -242,7 +242,7 @@ class Part:
             rows[start:free] = evaluation.family_rows(name)
         rows[-1] = evaluation.residual
         if hasattr(model.chain, "decorrelated"):
-            rows[:] = model.chain.decorrelated(rows, across=False)
+            rows[:] = model.chain.decorrelated(rows, between_groups=False)
         return _decorrelated(model.chain, evaluation.residual), rows
 
     def add_to(self, blocks: Blocks, rows: np.ndarray, root: np.ndarray) -> None:
@@ -255,10 +255,10 @@ class Part:
         blocks.gradient[self.columns] += flat[:free] @ flat[-1]
         if self.families:
             self._add_families(blocks, self._grams(rows, free), free)
-        if (across := getattr(self.model.chain, "across", None)) is not None:
-            self._less_across(blocks, rows, *across, root)
+        if (shared := getattr(self.model.chain, "between_groups", None)) is not None:
+            self._subtract_shared(blocks, rows, *shared, root)
 
-    def _less_across(self, blocks, rows, shape, variance, root):
+    def _subtract_shared(self, blocks, rows, shape, variance, root):
         """Take off what one error, shared by all samples of an eliminated group, leaves unknown.
 
         With the shape b (N,) and the variance t^2 of a group's error, the inverse of V = D + t^2 b b' is that of D

@@ -197,7 +197,7 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
             for residual in (bench.held_out_stripes(effects, fold), fitted)
         ]
     )
-    bent = _smooth_rms(fitted - means[1, stripe], stripe, chain.state.along)
+    bent = _smooth_rms(fitted - means[1, stripe], stripe, chain.state.stripe_place)
     order = bench.order[bench.of_board_stripes][first]
     variance = 1 / total
     if bench.focal is not None:  # stripes are displaced by the focal length of their image, too

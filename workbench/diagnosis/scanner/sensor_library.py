@@ -130,7 +130,7 @@ def described(chain, kind_of: str, mirror: float) -> Mapping[str, np.ndarray]:
         "range": state.points[2],
         "incidence": state.incidence,
         "mirror": np.where(np.isnan(state.mirror), mirror, state.mirror),
-        "along": np.zeros(state.n) if kind_of == "corners" else state.along,
+        "along": np.zeros(state.n) if kind_of == "corners" else state.stripe_place,
         "board_x": np.nan_to_num(state.board[0]),
         "board_y": np.nan_to_num(state.board[1]),
     }

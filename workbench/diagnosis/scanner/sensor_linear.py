@@ -12,7 +12,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.ball_stripes import centres_family
 from sensors.light.grouping import groups
 from sensors.light.planes import steps_family
-from sensors.light.together import Step, Together, decorrelated, random_effect
+from sensors.light.shared_errors import SharedStripeErrors, Step, decorrelated, random_effect
 from sensors.scanner.adjustment import ON_BOTH
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, Family
@@ -59,7 +59,7 @@ def acts(effect: Effect, part: str) -> bool:
 
 def residual_of_stripes(chains: Chains, effects: Sequence[Effect], fit: BundleFit) -> np.ndarray:
     """(n,) px, residuals of stripes on boards in a fit, with the errors that points of a stripe share."""
-    stripes = replace(measured_chains.at_solution(chains, fit).board_stripes, together=None)
+    stripes = replace(measured_chains.at_solution(chains, fit).board_stripes, shared_errors=None)
     model = Model(stripes, tuple(effect for effect in effects if acts(effect, "board_stripes")))
     keys = set(model.parameters.keys)
     found = {p.key: fit.parameters[p.key] for p in fit.parameters.table if p.key.count(".") > 1}
@@ -76,9 +76,9 @@ def with_remaining_shared_errors(
     displaces whole stripes. Weighted by them, a fit with the effect would leave a part of it.
     """
     stripes = chains.board_stripes
-    if not effects or stripes is None or stripes.together is None:
+    if not effects or stripes is None or stripes.shared_errors is None:
         return None
-    shared = stripes.together
+    shared = stripes.shared_errors
     remainder = residual_of_stripes(chains, effects, fit)
     sigma = np.zeros(len(shared.sigma))
     for kind in (2, 0, 1):  # board poses, stripes, tilts of stripes
@@ -90,7 +90,7 @@ def with_remaining_shared_errors(
     if sigma.max() > _SAME_SPREAD * shared.sigma.max():
         return None
     remaining = replace(shared, sigma=np.minimum(shared.sigma, sigma))
-    return replace(chains, board_stripes=replace(stripes, together=remaining))
+    return replace(chains, board_stripes=replace(stripes, shared_errors=remaining))
 
 
 def host(part_models: Sequence[Model], effect: Effect) -> Model:
@@ -358,7 +358,7 @@ def _shared_errors(name: str, chain, sigma_px: float) -> list[Step]:
     group = chain.labels["placement" if name == "board_stripes" else "ball"]
     labels = {"placement": group, "step": chain.labels["step"]}
     position = (chain.pixels[::-1] * chain.scan).sum(0)
-    shared = replace(Together.of(labels, position), sigma=np.array([sigma_px, 0.0, 0.0]))
+    shared = replace(SharedStripeErrors.of(labels, position), sigma=np.array([sigma_px, 0.0, 0.0]))
     return shared.steps(np.broadcast_to(chain.sigma, (1, chain.n))[0])
 
 

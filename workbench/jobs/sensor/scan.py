@@ -359,7 +359,7 @@ class _Work:
 
     def _ball(self, cloud: Cloud, columns_of_ball, free: BallFit, number, shape) -> Ball:
         """A ball from its points: fitted with the certified radius, the pull of its curvature taken off."""
-        columns_of_ball = columns_of_ball | cloud.together()
+        columns_of_ball = columns_of_ball | cloud.shared_errors()
         radius = self._radius(number, free.radius, self.radii)
         start = np.append(free.centre, free.radius if radius is None else radius)
         pull = estimate_centre_bias(cloud.surface_line(start, shape), shape, self.scanner.line)

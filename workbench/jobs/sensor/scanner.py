@@ -408,7 +408,7 @@ def _plane_sigmas(calibration) -> list[float | None]:
 
 def shared_json(calibration: ScannerCalibration) -> dict:
     """1 sigma, px, by which points of stripes err together, by kind, with its own sigma (None: not known)."""
-    shared = calibration.made.board_stripes.together
+    shared = calibration.made.board_stripes.shared_errors
     return {
         name: {"sigma": sigma, "std": float(std) if np.isfinite(std) else None}
         for (name, sigma), std in zip(shared.named.items(), shared.std)

@@ -23,7 +23,7 @@ WORDS = (
 
 
 @dataclass(frozen=True)
-class Together:
+class SharedStripeErrors:
     """Shared errors of n points: `sigma` (3,) px of each of `NAMES`, `std` (3,) px of these sigmas themselves.
 
     `labels` (3, n) int which error of its kind a point has, `shapes` (3, n) what a unit of it does
@@ -44,10 +44,10 @@ class Together:
     @property
     def sentence(self) -> str:
         """State which of these errors the covariance includes."""
-        every = zip(WORDS, self.sigma, self.std)
+        estimates = zip(WORDS, self.sigma, self.std)
         components = [
             f"{word} {with_std(1000 * sigma, 1000 * std)}"
-            for word, sigma, std in every
+            for word, sigma, std in estimates
             if np.isfinite(std)
         ]
         if not components:
@@ -77,19 +77,19 @@ class Together:
         ]
 
     @classmethod
-    def of(cls, labels: Mapping[str, np.ndarray], along: np.ndarray) -> "Together":
-        """Of points with `placement` and `step`, at places `along` (n,) px their stripes; none erring yet."""
+    def of(cls, labels: Mapping[str, np.ndarray], stripe_place: np.ndarray) -> "SharedStripeErrors":
+        """Of points with `placement` and `step`, at places `stripe_place` (n,) px their stripes; none erring yet."""
         stripe, count = groups(labels["placement"], labels["step"])
-        ones = np.ones(len(along))
+        ones = np.ones(len(stripe_place))
         return cls(
             np.zeros(3),
             np.full(3, np.inf),
             np.stack([stripe, stripe, groups(labels["placement"])[0]]),
-            np.stack([ones, centred(along, stripe, count), ones]),
-            np.arange(len(along)),
+            np.stack([ones, centred(stripe_place, stripe, count), ones]),
+            np.arange(len(stripe_place)),
         )
 
-    def at(self, samples: np.ndarray) -> "Together":
+    def at(self, samples: np.ndarray) -> "SharedStripeErrors":
         """Of some of the points (indices or mask)."""
         return replace(
             self,
@@ -98,7 +98,9 @@ class Together:
             number=self.number[samples],
         )
 
-    def averaged(self, first: np.ndarray, mean: Callable[[np.ndarray], np.ndarray]) -> "Together":
+    def averaged(
+        self, first: np.ndarray, mean: Callable[[np.ndarray], np.ndarray]
+    ) -> "SharedStripeErrors":
         """Shared errors of weighted means over blocks of points of one stripe.
 
         first (blocks,): one point of each block, whose labels the block has. mean: (n,) -> (blocks,).
@@ -111,8 +113,8 @@ class Together:
 
     def steps(self, sigma: np.ndarray) -> list["Step"]:
         """Both of `steps_apart`, one after the other."""
-        within, between_steps = self.steps_apart(sigma)
-        return [*within, *between_steps]
+        within_stripes, between_stripes = self.steps_apart(sigma)
+        return [*within_stripes, *between_stripes]
 
     def steps_apart(self, sigma: np.ndarray) -> tuple[list["Step"], list["Step"]]:
         """The factors of V^-1/2 but for the division by sigma (n,) px, in their order, of the kinds that err.
@@ -135,8 +137,8 @@ class Together:
                     weight,
                 )
             )
-        within = len(kinds) - (2 in kinds)
-        return steps[:within], steps[within:]
+        within_count = len(kinds) - (2 in kinds)
+        return steps[:within_count], steps[within_count:]
 
 
 @dataclass(frozen=True)
