@@ -181,13 +181,13 @@ def _opencv(chain, camera):
     halved = np.empty(chain.pixels.shape)
     even, odd = _halves(chain)
     for g in range(len(chain.poses)):
-        is_of_placement = chain.labels["placement"] == g
-        full_error[:, is_of_placement] = _seen_by_opencv(
-            chain, camera, is_of_placement, is_of_placement
+        is_of_board_pose = chain.labels["placement"] == g
+        full_error[:, is_of_board_pose] = _seen_by_opencv(
+            chain, camera, is_of_board_pose, is_of_board_pose
         )
         for half, other in ((even, odd), (odd, even)):
-            halved[:, is_of_placement & other] = _seen_by_opencv(
-                chain, camera, is_of_placement & half, is_of_placement & other
+            halved[:, is_of_board_pose & other] = _seen_by_opencv(
+                chain, camera, is_of_board_pose & half, is_of_board_pose & other
             )
     return full_error, halved
 

@@ -110,10 +110,12 @@ class ReducedCorners:
         by_focal = []
         squares = []
         for g in range(len(chain.poses)):
-            is_of_placement = chain.labels["placement"] == g
-            of_pose = poses[:, :, is_of_placement].reshape(_POSE, -1).T
+            is_of_board_pose = chain.labels["placement"] == g
+            of_pose = poses[:, :, is_of_board_pose].reshape(_POSE, -1).T
             basis = np.linalg.qr(of_pose / np.linalg.norm(of_pose, axis=0))[0]
-            joined = np.concatenate([rows[:, :, is_of_placement], focal[None, :, is_of_placement]])
+            joined = np.concatenate(
+                [rows[:, :, is_of_board_pose], focal[None, :, is_of_board_pose]]
+            )
             joined = joined.reshape(len(joined), -1).T
             joined = joined - basis @ (basis.T @ joined)
             gram = gram + joined[:, :-1].T @ joined[:, :-1]
