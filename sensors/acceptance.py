@@ -29,12 +29,12 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 
 NOT_JUDGED = "not judged: no limit was given"
-WITHIN = "within the limit"
-BEYOND = "beyond the limit"
+WITHIN_LIMIT = "within the limit"
+BEYOND_LIMIT = "beyond the limit"
 UNDECIDED = "undecided: the limit lies within the value's uncertainty (k = 2)"
 UNKNOWN = "not judged: the value could not be determined"
 # Part of the points that VDI/VDE 2634 allows to leave out, and part that the shell of ISO 10360 holds.
-_LEFT_OUT, _HELD, _LEAST = 0.003, 0.95, 20
+_LEFT_OUT, _CONTAINED_SHARE, _MIN_POINTS = 0.003, 0.95, 20
 _REFERENCE_C = 20.0
 
 
@@ -122,12 +122,12 @@ def acceptance(
             f"limits: expected names among {known}, found '{sorted(unknown)[0]}'; correct its name"
         )
     return tuple(
-        judged(characteristic, (limits or {}).get(characteristic.name))
+        with_verdict(characteristic, (limits or {}).get(characteristic.name))
         for characteristic in characteristics
     )
 
 
-def judged(characteristic: Characteristic, limit: float | None) -> Characteristic:
+def with_verdict(characteristic: Characteristic, limit: float | None) -> Characteristic:
     """With the verdict that a limit allows: ISO 14253-1, uncertainty at k = 2 where it is known."""
     if limit is None:
         return replace(characteristic, limit=None, verdict=NOT_JUDGED)
@@ -136,9 +136,9 @@ def judged(characteristic: Characteristic, limit: float | None) -> Characteristi
     size = abs(characteristic.value)
     expanded_uncertainty = 2 * (characteristic.std or 0.0)
     verdict = (
-        WITHIN
+        WITHIN_LIMIT
         if size + expanded_uncertainty <= limit
-        else BEYOND
+        else BEYOND_LIMIT
         if size - expanded_uncertainty > limit
         else UNDECIDED
     )
@@ -157,7 +157,7 @@ def probing_form(balls: Sequence[Probed]) -> Characteristic:
         "P_Form.Sph.D95%:SMV.SV:O3D",
         "",
         balls,
-        lambda ball: shell(ball.unconstrained.residual, _HELD),
+        lambda ball: shell(ball.unconstrained.residual, _CONTAINED_SHARE),
     )
 
 
@@ -229,38 +229,42 @@ def sphere_spacing(
             else "fewer than two balls were measured"
         )
         return _undetermined(sphere_spacing, *names, "mm", why)
-    outside = set(numbers.tolist()) - set(range(1, artefact.shape[1] + 1))
-    if outside:
+    unknown_balls = set(numbers.tolist()) - set(range(1, artefact.shape[1] + 1))
+    if unknown_balls:
         raise InputError(
-            f"ball {min(outside)}: expected one of the {artefact.shape[1]} balls of the artefact, "
+            f"ball {min(unknown_balls)}: expected one of the {artefact.shape[1]} balls of the artefact, "
             "found none of that number; correct it"
         )
-    parts = {}
+    by_pair = {}
     sigma_of_sums = {}
     for a, b in pairs:
         line = fits[a].centre - fits[b].centre
         length = np.linalg.norm(line)
         name = f"ball-{min(numbers[[a, b]])} to ball-{max(numbers[[a, b]])}"
         known = np.linalg.norm(artefact[:, numbers[a] - 1] - artefact[:, numbers[b] - 1])
-        both = fits[a].covariance[:3, :3] + fits[b].covariance[:3, :3]
-        parts[name] = float(length - known)
-        sigma_of_sums[name] = float(np.sqrt(line @ both @ line / length**2 + artefact_std**2))
-    worst = _worst(parts)
+        covariance_sum = fits[a].covariance[:3, :3] + fits[b].covariance[:3, :3]
+        by_pair[name] = float(length - known)
+        sigma_of_sums[name] = float(
+            np.sqrt(line @ covariance_sum @ line / length**2 + artefact_std**2)
+        )
+    worst = _worst(by_pair)
     return _characteristic(
         sphere_spacing,
         *names,
-        parts[worst],
+        by_pair[worst],
         "mm",
-        len(parts),
+        len(by_pair),
         std=sigma_of_sums[worst],
-        parts=parts,
+        parts=by_pair,
     )
 
 
 def flat_form(plane: np.ndarray | None) -> Characteristic:
     """Flat form distortion error: distance of the two nearest planes, parallel to the least-squares plane, that hold
     95 % of all points measured on a flat."""
-    return _of_plane(flat_form, "flat_form", "D_Form.Pla.D95%:SMV.SV:O3D", "", plane, _HELD)
+    return _of_plane(
+        flat_form, "flat_form", "D_Form.Pla.D95%:SMV.SV:O3D", "", plane, _CONTAINED_SHARE
+    )
 
 
 def flat_range(plane: np.ndarray | None) -> Characteristic:
@@ -280,9 +284,11 @@ def rejected(fits: Sequence[BallFit]) -> Characteristic:
     reasons = reasons[(reasons != MISSING) & (reasons != ELSEWHERE)]
     if not len(reasons):
         return _undetermined(rejected, "rejected", "", "", "1", "no ball was measured")
-    parts = {REASONS[code]: float((reasons == code).mean()) for code in (EDGE, INCIDENCE, OUTLIER)}
+    by_reason = {
+        REASONS[code]: float((reasons == code).mean()) for code in (EDGE, INCIDENCE, OUTLIER)
+    }
     share = float((reasons != USED).mean())
-    return _characteristic(rejected, "rejected", "", "", share, "1", len(reasons), parts=parts)
+    return _characteristic(rejected, "rejected", "", "", share, "1", len(reasons), parts=by_reason)
 
 
 def mean_temperature(temperature) -> Characteristic:
@@ -297,33 +303,35 @@ def mean_temperature(temperature) -> Characteristic:
             mean_temperature, "temperature", "", "", "deg C", "no temperature was recorded"
         )
     mean = float(values.mean())
-    parts = {"range": float(np.ptp(values)), "from 20 deg C": mean - _REFERENCE_C}
+    by_statistic = {"range": float(np.ptp(values)), "from 20 deg C": mean - _REFERENCE_C}
     return _characteristic(
-        mean_temperature, "temperature", "", "", mean, "deg C", len(values), parts=parts
+        mean_temperature, "temperature", "", "", mean, "deg C", len(values), parts=by_statistic
     )
 
 
 def _of_balls(of: Callable, name, symbol, vdi, balls, measure) -> Characteristic:
     """The largest over the balls of what `measure` says, mm."""
-    usable_balls = [ball for ball in balls if ball.fit and ball.fit.inliers.sum() >= _LEAST]
-    parts = {f"ball-{ball.number}": float(measure(ball)) for ball in usable_balls}
-    parts = {name: value for name, value in parts.items() if np.isfinite(value)}
-    if not parts:
+    usable_balls = [ball for ball in balls if ball.fit and ball.fit.inliers.sum() >= _MIN_POINTS]
+    by_ball = {f"ball-{ball.number}": float(measure(ball)) for ball in usable_balls}
+    by_ball = {name: value for name, value in by_ball.items() if np.isfinite(value)}
+    if not by_ball:
         why = (
             "no ball was measured"
             if not balls
-            else f"no ball with {_LEAST} points or more was fitted"
+            else f"no ball with {_MIN_POINTS} points or more was fitted"
         )
         return _undetermined(of, name, symbol, vdi, "mm", why)
     n = sum(int((ball.fit.reason <= OUTLIER).sum()) for ball in usable_balls)
-    return _characteristic(of, name, symbol, vdi, parts[_worst(parts)], "mm", n, parts=parts)
+    return _characteristic(of, name, symbol, vdi, by_ball[_worst(by_ball)], "mm", n, parts=by_ball)
 
 
 def _of_plane(of, name, symbol, vdi, plane, share) -> Characteristic:
     points = np.zeros((3, 0)) if plane is None else plane[:, np.isfinite(plane).all(0)]
-    if points.shape[1] < _LEAST:
+    if points.shape[1] < _MIN_POINTS:
         why = (
-            "no plane was measured" if plane is None else f"fewer than {_LEAST} points on the plane"
+            "no plane was measured"
+            if plane is None
+            else f"fewer than {_MIN_POINTS} points on the plane"
         )
         return _undetermined(of, name, symbol, vdi, "mm", why)
     from_middle = points - points.mean(1, keepdims=True)
@@ -333,13 +341,13 @@ def _of_plane(of, name, symbol, vdi, plane, share) -> Characteristic:
     )
 
 
-def _worst(parts):
-    return max(parts, key=lambda name: abs(parts[name]))
+def _worst(values):
+    return max(values, key=lambda name: abs(values[name]))
 
 
-def _characteristic(of, name, symbol, vdi, value, unit, n, **more) -> Characteristic:
+def _characteristic(of, name, symbol, vdi, value, unit, n, **optional) -> Characteristic:
     definition = inspect.getdoc(of).replace("\n\n", "\n").replace("\n", " ")
-    return Characteristic(name, symbol, vdi, definition, value, unit, n, **more)
+    return Characteristic(name, symbol, vdi, definition, value, unit, n, **optional)
 
 
 def _undetermined(of, name, symbol, vdi, unit, why) -> Characteristic:

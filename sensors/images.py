@@ -121,8 +121,8 @@ def blur(grey: np.ndarray) -> str | None:
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), 1.0)
     low, high = np.percentile(smooth[::4, ::4], (0.1, 99.9))
     down, right = np.gradient(smooth)
-    along = (right, down, (right + down) / np.sqrt(2), (right - down) / np.sqrt(2))
-    steepest = [float(np.percentile(np.abs(gradient), _STEEPEST)) for gradient in along]
+    gradients = (right, down, (right + down) / np.sqrt(2), (right - down) / np.sqrt(2))
+    steepest = [float(np.percentile(np.abs(gradient), _STEEPEST)) for gradient in gradients]
     narrow, wide = (float(high - low) / max(f(steepest), 1e-9) for f in (max, min))
     if narrow > _SHARP_PX:
         return f"blurred: its sharpest edges are {narrow:.0f} px wide"

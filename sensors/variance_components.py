@@ -12,7 +12,7 @@ import numpy as np
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 
 _ROUNDS = 60
-_STILL = 1e-3  # of a variance, or of what it is known to
+_CONVERGED = 1e-3  # of a variance, or of what it is known to
 _FEWEST = 3.0  # shared errors that must remain orthogonal to the unknowns: fewer do not determine a variance
 _GROWS = 10.0  # times what a variance is known to, that it may grow by in one step
 
@@ -56,11 +56,11 @@ def estimate_components(gram: np.ndarray, pull: np.ndarray, kind: np.ndarray) ->
     signed = np.zeros(count)
     for _ in range(_ROUNDS):
         before = variance
-        solved, said = _at(gram, pull, variance[kind])
-        known, score = _scoring(solved, said, kind, count)
+        solved, projected = _solution(gram, pull, variance[kind])
+        known, score = _scoring(solved, projected, kind, count)
         signed = variance + score / np.maximum(np.diag(known), 1e-300)
         variance, std = _stepped(variance, known, score, estimable)
-        if (np.abs(variance - before) <= _STILL * np.where(np.isfinite(std), std, 0)).all():
+        if (np.abs(variance - before) <= _CONVERGED * np.where(np.isfinite(std), std, 0)).all():
             break
     return VarianceComponents(
         variance, std, np.where(variance > 0, variance, np.minimum(signed, 0.0))
@@ -72,19 +72,19 @@ def _left(gram):
     return float(np.trace(gram) ** 2 / max((gram**2).sum(), 1e-300)) if gram.size else 0.0
 
 
-def _at(gram, pull, variance):
+def _solution(gram, pull, variance):
     """R and g with the errors' variances (E,) in the weights."""
     mixed = np.linalg.solve(np.eye(len(gram)) + gram * variance, np.column_stack([gram, pull]))
     return mixed[:, :-1], mixed[:, -1]
 
 
-def _scoring(solved, said, kind, count):
+def _scoring(solved, projected, kind, count):
     """Twice Fisher's information (K, K) of the variances, and twice the score (K,)."""
     square = solved**2
     known = np.array(
         [[square[np.ix_(kind == k, kind == m)].sum() for m in range(count)] for k in range(count)]
     )
-    score = np.bincount(kind, said**2 - np.diag(solved), count)
+    score = np.bincount(kind, projected**2 - np.diag(solved), count)
     return known.reshape(count, count), score
 
 

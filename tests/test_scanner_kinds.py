@@ -105,7 +105,7 @@ def test_bend_of_a_joined_scan_is_that_of_its_images():
     cloud = cloud_of(truth, motion, np.zeros(truth.pixels.shape[1]))
     shuffled = np.random.default_rng(2).permutation(truth.pixels.shape[1])
     whole = cloud.surface_line(np.append(centre, RADIUS))
-    again = cloud.some(shuffled).surface_line(np.append(centre, RADIUS))
+    again = cloud.subset(shuffled).surface_line(np.append(centre, RADIUS))
     assert np.allclose(again.slope, whole.slope[shuffled])
     assert np.nanmax(np.abs(whole.offset)) < 0.02  # points lie in the light plane
 

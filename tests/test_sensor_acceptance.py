@@ -5,15 +5,15 @@ import pytest
 
 from ball_scenes import cap
 from sensors.acceptance import (
-    BEYOND,
+    BEYOND_LIMIT,
     NOT_JUDGED,
     UNDECIDED,
     UNKNOWN,
-    WITHIN,
+    WITHIN_LIMIT,
     Probed,
     acceptance,
-    judged,
     probing_form,
+    with_verdict,
 )
 from sensors.ball.extent import shell
 from sensors.ball.fit import fit_ball
@@ -115,7 +115,10 @@ def test_the_artefacts_own_uncertainty_is_added_to_that_of_the_centres(balls):
         whole.std == pytest.approx(np.hypot(measured.std, 0.005)) and whole.std > 5 * measured.std
     )
     limit = abs(whole.value) + 0.004
-    assert judged(measured, limit).verdict == WITHIN and judged(whole, limit).verdict == UNDECIDED
+    assert (
+        with_verdict(measured, limit).verdict == WITHIN_LIMIT
+        and with_verdict(whole, limit).verdict == UNDECIDED
+    )
 
 
 def test_the_form_refers_to_the_ball_of_least_squares():
@@ -168,11 +171,14 @@ def test_a_limit_is_judged_with_the_uncertainty(balls):
             balls, CENTRES, limits={"sphere_spacing": 0.02, "probing_form": 0.1, "flat_form": 0.1}
         )
     )
-    assert found["sphere_spacing"].verdict == BEYOND and found["probing_form"].verdict == WITHIN
+    assert (
+        found["sphere_spacing"].verdict == BEYOND_LIMIT
+        and found["probing_form"].verdict == WITHIN_LIMIT
+    )
     assert found["flat_form"].verdict == UNKNOWN and found["probing_size"].verdict == NOT_JUDGED
     spacing = found["sphere_spacing"]
-    assert judged(spacing, abs(spacing.value) + spacing.std).verdict == UNDECIDED
-    assert judged(spacing, abs(spacing.value) + 3 * spacing.std).verdict == WITHIN
+    assert with_verdict(spacing, abs(spacing.value) + spacing.std).verdict == UNDECIDED
+    assert with_verdict(spacing, abs(spacing.value) + 3 * spacing.std).verdict == WITHIN_LIMIT
 
 
 def test_a_limit_or_a_ball_of_no_such_name_is_named(balls):

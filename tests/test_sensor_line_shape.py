@@ -76,7 +76,7 @@ def measured(centre, planes, rng, law=None) -> tuple[Cloud, SurfaceLine, np.ndar
     points = scanner.reconstruct(found.pixels, found.frame)
     away = np.linalg.norm(points - centre[:, None], axis=0) - RADIUS
     on = np.abs(away) < 0.05 * RADIUS
-    cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).some(on)
+    cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).subset(on)
     bend = cloud.surface_line(np.append(centre, RADIUS))
     return cloud, bend, np.vstack([found.shape, found.peak])[:, on], found.sigma[on]
 
@@ -189,7 +189,7 @@ def flux_on(centre: np.ndarray, plane: np.ndarray, rng) -> tuple[np.ndarray, np.
     points = scanner.reconstruct(found.pixels, found.frame)
     outward = (points - centre[:, None]) / RADIUS
     on = np.abs(np.linalg.norm(outward, axis=0) - 1) < 0.05
-    cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).some(on)
+    cloud = Cloud(scanner, points, found.pixels, found.frame, found.frame).subset(on)
     slope = cloud.surface_line(np.append(centre, RADIUS)).slope
     return outward[:, on], found.peak[on] * found.width[on] * np.abs(slope)
 

@@ -237,7 +237,7 @@ def test_a_balls_cloud_lies_on_the_sphere():
     thin = replace(thin, laser=replace(thin.laser, width_mm=0.03))
     centre = np.array([1.0, 2.0, 136.0])
     pixels, steps = crossings(
-        list(laser_light(thin, [BallSurface(centre, 12.0, 1)], parts=8)), thin.steps
+        list(laser_light(thin, [BallSurface(centre, 12.0, 1)], oversampling=8)), thin.steps
     )
     points = Scanner(CAMERA, thin.steps, thin.nominal_planes()).reconstruct(pixels, steps)
     square = np.abs(points[1] - centre[1]) < 6  # where a row cuts the stripe squarely enough
@@ -253,7 +253,7 @@ def test_a_thin_stripe_is_spread_by_the_lens_before_pixels_gather_it():
     """Otherwise its centre of gravity would step from pixel to pixel."""
     thin = instrument((0.0,), optics=Optics(0.8, 125.0, 0.0))
     (light,) = laser_light(
-        replace(thin, laser=replace(thin.laser, width_mm=0.02)), [board()], parts=6
+        replace(thin, laser=replace(thin.laser, width_mm=0.02)), [board()], oversampling=6
     )
     rows, centre = centroids(light)
     assert np.abs(centre - np.polyval(np.polyfit(rows, centre, 5), rows)).max() < 0.003

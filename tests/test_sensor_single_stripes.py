@@ -69,7 +69,7 @@ def found_in(cloud, width, refused=None, radii=RADII):
         view=cloud.view,
         sigma=NOISE_PX * length,
         direction=cloud.error / length,
-        widths=lambda place, balls: cloud.some(place).width_ratios(width[place], balls),
+        widths=lambda place, balls: cloud.subset(place).width_ratios(width[place], balls),
     )
 
 

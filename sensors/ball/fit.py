@@ -95,7 +95,7 @@ def _fit(
     present = (
         np.isfinite(points).all(0) & np.isfinite(full_problem.sigma) & (full_problem.sigma > 0)
     )
-    problem = full_problem if present.all() else full_problem.some(present)
+    problem = full_problem if present.all() else full_problem.subset(present)
     trim = _Trim(
         None if view is None else view[:, present],
         np.pi / 2 if incidence is None else incidence,
@@ -106,7 +106,7 @@ def _fit(
         return failed(
             f"{present.sum()} points, fewer than the {problem.size + (sigma is None)} needed"
         )
-    shared = None if shared is None else shared.some(present)
+    shared = None if shared is None else shared.subset(present)
     task = _Task(
         problem,
         LOSSES[loss],

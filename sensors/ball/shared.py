@@ -32,7 +32,7 @@ class Common:
     covariance: np.ndarray
     by_group: np.ndarray
 
-    def some(self, chosen: np.ndarray, groups: np.ndarray) -> "Common":
+    def subset(self, chosen: np.ndarray, groups: np.ndarray) -> "Common":
         """Of the chosen points and groups."""
         return Common(self.derivative[..., chosen], self.covariance, self.by_group[:, groups])
 
@@ -54,7 +54,7 @@ class Shared:
     unknown: np.ndarray | None = None
     common: Common | None = None
 
-    def some(self, chosen: np.ndarray) -> "Shared":
+    def subset(self, chosen: np.ndarray) -> "Shared":
         """Of the chosen points, and of their groups alone."""
         k = len(self.derivative)
         groups, labels = np.unique(np.asarray(self.labels)[chosen], return_inverse=True)
@@ -64,7 +64,7 @@ class Shared:
             self.derivative[..., chosen],
             np.asarray(self.covariance)[np.ix_(rows, rows)],
             None if self.unknown is None else self.unknown[..., chosen],
-            None if self.common is None else self.common.some(chosen, groups),
+            None if self.common is None else self.common.subset(chosen, groups),
         )
 
     def with_errors(self, derivative: np.ndarray, variance: np.ndarray) -> "Shared":

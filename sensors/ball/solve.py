@@ -51,7 +51,7 @@ class Problem:
         """Parameters that are fitted."""
         return len(self.points) + self.free
 
-    def some(self, chosen: np.ndarray | slice) -> "Problem":
+    def subset(self, chosen: np.ndarray | slice) -> "Problem":
         """The same of the chosen points."""
         pick = (
             None if part is None else part[..., chosen]
@@ -182,7 +182,7 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
     n = problem.points.shape[1]
     if n > 4 * _SUBSET:
         part = slice(None, None, n // _SUBSET)
-        first = _rounds(problem.some(part), values, loss, _on(trim, part))
+        first = _rounds(problem.subset(part), values, loss, _on(trim, part))
         values = first.values
         if np.isfinite(first.spread) and (refined := _refined(problem, values, loss, trim)):
             return refined
@@ -213,7 +213,7 @@ def _refined(problem, values, loss, trim) -> "Solved | None":
 
 def _spread_of_some(problem, values, trim):
     part = slice(None, None, problem.points.shape[1] // _ENOUGH + 1)
-    at = linearise(problem.some(part), values)
+    at = linearise(problem.subset(part), values)
     return spread((at.residual / at.sigma)[trim(values, at.normal, part)], problem.size)
 
 
@@ -228,7 +228,7 @@ def _newton(problem, values, loss, scale, trim):
     normal = np.zeros((size, size))
     pull = np.zeros(size)
     for block in blocks(problem.points.shape[1]):
-        at = linearise(problem.some(block), values)
+        at = linearise(problem.subset(block), values)
         keep = trim(values, at.normal, block) & np.isfinite(at.residual)
         sigma = one_sigma(at.sigma)
         white = at.residual / sigma

@@ -39,10 +39,10 @@ def corner_indices(numbers: np.ndarray, columns: int, rows: int) -> np.ndarray:
 
     columns, rows: of tags. The grid has 2 columns corners in each of 2 rows rows, from the top left corner.
     """
-    up, across = np.divmod(numbers, columns)
+    up, column_of_tag = np.divmod(numbers, columns)
     down = rows - 1 - up
     row = 2 * down[:, None] + np.array([0, 0, 1, 1])
-    column = 2 * across[:, None] + np.array([0, 1, 1, 0])
+    column = 2 * column_of_tag[:, None] + np.array([0, 1, 1, 0])
     return row * 2 * columns + column
 
 
@@ -77,9 +77,9 @@ def is_flat(misfit_mm: float, marker: float) -> bool:
 
 def grid_points(columns: int, rows: int, marker: float, pitch: float) -> np.ndarray:
     """(2, N) mm of the corners of columns x rows tags, row after row from the top left, y down."""
-    across = (pitch * np.arange(columns)[:, None] + np.array([0.0, marker])).ravel()
+    horizontal = (pitch * np.arange(columns)[:, None] + np.array([0.0, marker])).ravel()
     down = (pitch * np.arange(rows)[:, None] + np.array([0.0, marker])).ravel()
-    return np.stack([np.tile(across, len(down)), np.repeat(down, len(across))])
+    return np.stack([np.tile(horizontal, len(down)), np.repeat(down, len(horizontal))])
 
 
 def is_enough(tags: Tags) -> bool:

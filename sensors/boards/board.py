@@ -10,7 +10,7 @@ from sensors.boards.aprilgrid import grid_points
 from workbench.core.errors import InputError
 
 KINDS = ("chessboard", "charuco", "circles", "aprilgrid", "asymmetric-circles")
-LEAST = 6
+MIN_BOARD_CORNERS = 6
 """Corners below which a image says nothing about a camera: its pose alone takes three."""
 
 
@@ -42,18 +42,18 @@ class Board:
                 f"[board], key kind: expected one of {', '.join(KINDS[:4])}, found {kind!r}; correct it"
             )
         optional = ("marker_mm", "dictionary", "legacy", "flatness_mm")
-        more = {name: keys[name] for name in optional if name in keys}
+        further_keys = {name: keys[name] for name in optional if name in keys}
         size = [int(keys["columns"]), int(keys["rows"])]
         if kind == "aprilgrid":
-            if not more.get("marker_mm"):
+            if not further_keys.get("marker_mm"):
                 raise InputError(
                     "[board], key marker_mm: expected the side of a tag of the AprilGrid, found none; add it"
                 )
             size = [2 * size[0], 2 * size[1]]
-        board = cls(kind, *size, float(keys["square_mm"]), **more)
-        if min(board.columns, board.rows) < 2 or board.count < LEAST:
+        board = cls(kind, *size, float(keys["square_mm"]), **further_keys)
+        if min(board.columns, board.rows) < 2 or board.count < MIN_BOARD_CORNERS:
             raise InputError(
-                f"[board], keys columns and rows: expected 2 or more of each and {LEAST} in all, found "
+                f"[board], keys columns and rows: expected 2 or more of each and {MIN_BOARD_CORNERS} in all, found "
                 f"{board.columns} and {board.rows}; count the inner corners or the circles"
             )
         if kind == "charuco" and not (board.marker_mm and board.dictionary):
@@ -76,8 +76,8 @@ class Board:
             flat = grid_points(*tags, self.marker_mm, self.square_mm)
             return np.vstack([flat, np.zeros(self.count)])
         row, column = np.divmod(np.arange(self.count), self.columns)
-        across = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
-        return self.square_mm * np.stack([across, row, np.zeros_like(row)]).astype(float)
+        column_position = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
+        return self.square_mm * np.stack([column_position, row, np.zeros_like(row)]).astype(float)
 
     @property
     def middle(self) -> np.ndarray:

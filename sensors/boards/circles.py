@@ -31,7 +31,7 @@ def candidates(image: np.ndarray, light: bool) -> np.ndarray:
         contours = cv2.findContours(marked, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
         found += [_moments(cv2.moments(contour)) for contour in contours if len(contour) >= 12]
     rows = np.array([row for row in found if row is not None]).reshape(-1, 7)
-    return _of_one_family(_once(rows[rows[:, 2] < image.size / 20]))
+    return _of_one_family(_distinct_discs(rows[rows[:, 2] < image.size / 20]))
 
 
 def _moments(m: dict) -> tuple | None:
@@ -46,21 +46,25 @@ def _moments(m: dict) -> tuple | None:
     longer = (xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)
     if product <= (FLATTEST * longer) ** 2:
         return None
-    far = abs(area / (4 * np.pi * np.sqrt(product)) - 1)
-    return None if far > ELLIPSE else (m["m10"] / area, m["m01"] / area, area, xx, xy, yy, far)
+    misfit = abs(area / (4 * np.pi * np.sqrt(product)) - 1)
+    return (
+        None if misfit > ELLIPSE else (m["m10"] / area, m["m01"] / area, area, xx, xy, yy, misfit)
+    )
 
 
-def _once(rows: np.ndarray) -> np.ndarray:
+def _distinct_discs(rows: np.ndarray) -> np.ndarray:
     """One row a disc, where several thresholds found it: the best ellipse."""
     from scipy.spatial import cKDTree
 
     rows = rows[np.argsort(rows[:, 6], kind="stable")] if len(rows) else rows
     if len(rows) < 2:
         return rows[:, :6].T
-    near = cKDTree(rows[:, :2]).query_ball_point(rows[:, :2], 0.5 * np.sqrt(rows[:, 2] / np.pi))
+    neighbours = cKDTree(rows[:, :2]).query_ball_point(
+        rows[:, :2], 0.5 * np.sqrt(rows[:, 2] / np.pi)
+    )
     is_assigned = np.zeros(len(rows), bool)
     keep = []
-    for k, others in enumerate(near):
+    for k, others in enumerate(neighbours):
         if not is_assigned[k]:
             keep.append(k)
             is_assigned[others] = True
@@ -133,9 +137,9 @@ def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
     if h is None:
         return False
     u, v, w = h @ np.vstack([points, np.ones(points.shape[1])])
-    away = np.hypot(*(np.stack([u, v]) / w - pixels))
-    distance = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(away))
-    return bool(np.mean(away < 0.15 * np.median(distance.min(1)) + 2) > 0.9)
+    residual = np.hypot(*(np.stack([u, v]) / w - pixels))
+    distance = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(residual))
+    return bool(np.mean(residual < 0.15 * np.median(distance.min(1)) + 2) > 0.9)
 
 
 def refine(image: np.ndarray, discs: np.ndarray) -> Fit:
@@ -170,9 +174,9 @@ def centre_shift(points: np.ndarray, normal: np.ndarray, radius: float) -> np.nd
     (2000) 1066). Exact for an ideal camera; a lens that bends over one disc adds `lens_shift`.
     """
     normal = np.reshape(normal, (3, -1))
-    across = -normal * normal[2]
-    across[2] += 1
-    return -(radius**2) / points[2] * across
+    in_plane = -normal * normal[2]
+    in_plane[2] += 1
+    return -(radius**2) / points[2] * in_plane
 
 
 def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -> np.ndarray:
@@ -190,10 +194,10 @@ def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -
     total = np.zeros_like(flat)
     for axis in _tangents(normals):
         half = radius / depth * (axis[:2] - flat * axis[2])
-        above, area_above = _bent(camera, flat + half)
-        below, area_below = _bent(camera, flat - half)
-        curvature = (above + below - 2 * middle) / 8
-        growth = (above - below) * np.log(area_above / area_below) / 16
+        outer, area_above = _bent(camera, flat + half)
+        inner, area_below = _bent(camera, flat - half)
+        curvature = (outer + inner - 2 * middle) / 8
+        growth = (outer - inner) * np.log(area_above / area_below) / 16
         total += curvature + growth
     focal = np.array([[camera.fx], [camera.fy]])
     return focal * total
@@ -201,8 +205,8 @@ def lens_shift(camera, points: np.ndarray, normals: np.ndarray, radius: float) -
 
 def _tangents(normals):
     """Two unit vectors (3, n) across unit normals (3, n) and one another."""
-    aside = np.where(np.abs(normals[:1]) < 0.7, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
-    first = np.cross(normals, aside, axis=0)
+    helper_axis = np.where(np.abs(normals[:1]) < 0.7, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]])
+    first = np.cross(normals, helper_axis, axis=0)
     first /= np.linalg.norm(first, axis=0)
     return first, np.cross(normals, first, axis=0)
 

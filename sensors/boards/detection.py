@@ -9,7 +9,7 @@ import numpy as np
 
 from sensors import images
 from sensors.boards import finders as board_finders
-from sensors.boards.board import LEAST, Board
+from sensors.boards.board import MIN_BOARD_CORNERS, Board
 from sensors.boards.patches import DISC_LOG_BLUR, SADDLE_LOG_BLUR
 from sensors.images import Image
 from workbench.core.errors import InputError
@@ -90,7 +90,7 @@ def detect(
         return Rejected(name, why + bright, placement, found.size)
     grey = image.grey.astype(np.float32)
     index, fit, radius = board_finders.refine(grey, board, found)
-    if fit.good.sum() < max(LEAST, 0.5 * len(index)):
+    if fit.good.sum() < max(MIN_BOARD_CORNERS, 0.5 * len(index)):
         return Rejected(
             name,
             f"{images.blur(image.grey) or 'blurred or covered'}; {fit.good.sum()} of {len(index)} {board.marks} are "
@@ -139,7 +139,7 @@ def detect_all(
     found = []
     seen = {}
     for k, row in enumerate(rows):
-        found.append(_one(recording, row, board, seen))
+        found.append(_view_or_rejection(recording, row, board, seen))
         if progress:
             progress(k + 1, len(rows), row["image"])
     found = _of_one_size(found)
@@ -159,7 +159,7 @@ def _board_keys(recording: "Recording") -> Mapping:
     return recording.board
 
 
-def _one(
+def _view_or_rejection(
     recording: "Recording", row: Mapping, board: Board, seen: dict
 ) -> tuple[View | Rejected, tuple[int, int]]:
     """View or rejection of one image, and its size; `seen` holds the pixels that were met before."""

@@ -53,8 +53,8 @@ def refine(image: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray,
             circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0,
         )
     step, rim = _saddle_size(board)
-    along, down = _steps(board.points[:2, found.index], found.pixels, step)
-    return found.index, fit_saddles(image, found.pixels, along, down, rim), 0.0
+    row_step, down = _steps(board.points[:2, found.index], found.pixels, step)
+    return found.index, fit_saddles(image, found.pixels, row_step, down, rim), 0.0
 
 
 def _saddle_size(board: "Board") -> tuple[float, float]:
@@ -109,11 +109,11 @@ def _second_chessboard(image: np.ndarray, grid: np.ndarray) -> bool:
     middle = corners.mean(0)
     wider = 1 + 3 / (min(rows, columns) - 1)
     hull = cv2.convexHull(np.rint(middle + wider * (corners - middle)).astype(np.int32))
-    rest = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
+    painted_over = cv2.fillConvexPoly(small.copy(), hull, int(np.median(small)))
     # the quick look answers no in a hundredth of the time that the search takes
     return bool(
-        cv2.checkChessboard(rest, (columns, rows))
-        and cv2.findChessboardCornersSB(rest, (columns, rows))[0]
+        cv2.checkChessboard(painted_over, (columns, rows))
+        and cv2.findChessboardCornersSB(painted_over, (columns, rows))[0]
     )
 
 
@@ -173,8 +173,8 @@ def _first_is_dark(image: np.ndarray, grid: np.ndarray) -> bool:
     middle = (upper[:, :-1] + lower[:, :-1] + upper[:, 1:] + lower[:, 1:]) / 4
     u, v = np.rint(middle).astype(int).reshape(-1, 2).T
     height, width = image.shape
-    inside = np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)
-    grey = image[inside].astype(float)
+    clipped_places = np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)
+    grey = image[clipped_places].astype(float)
     row, column = np.indices(middle.shape[:2])
     same_colour = (row + column).ravel() % 2 == 0
     return np.median(grey[same_colour]) < np.median(grey[~same_colour])
@@ -188,14 +188,14 @@ def _larger_chessboard(image: np.ndarray, grid: np.ndarray) -> tuple[int, int]:
     for quarter in range(4):
         rotated = np.rot90(grid, quarter)
         next_corner = 2 * rotated[0] - rotated[1]
-        along = np.gradient(next_corner, axis=0).T
+        row_step = np.gradient(next_corner, axis=0).T
         down = (rotated[0] - rotated[1]).T
         is_inside = (next_corner > 3).all(1) & (next_corner < np.array(image.shape[::-1]) - 4).all(
             1
         )
         if is_inside.sum() < 0.5 * len(is_inside):
             continue
-        places = next_corner.T[:, is_inside], along[:, is_inside], down[:, is_inside]
+        places = next_corner.T[:, is_inside], row_step[:, is_inside], down[:, is_inside]
         size[(quarter + 1) % 2] += int(_goes_on(image, places, inner))
     return size[0], size[1]
 
@@ -209,9 +209,9 @@ def _goes_on(image: np.ndarray, places: tuple[np.ndarray, ...], inner: Fit) -> b
     sigma = np.median(inner.sigma)
     for steps in (_FEW_STEPS, STEPS):
         fit = fit_saddles(image, *places, steps=steps)
-        near = np.hypot(*(fit.centre - places[0])) < 0.25 * np.hypot(*places[2])
+        is_near_start = np.hypot(*(fit.centre - places[0])) < 0.25 * np.hypot(*places[2])
         like = (np.abs(fit.values[:, 6]) > 0.5 * usual) & (fit.sigma < 3 * sigma)
-        if (fit.good & near & like).mean() <= CONTINUES:
+        if (fit.good & is_near_start & like).mean() <= CONTINUES:
             return False
     return True
 
@@ -229,8 +229,8 @@ def _another_chessboard(image: np.ndarray, board: "Board") -> Found:
     import cv2
 
     small, scale = _shrunk(image, SMALL)
-    least = tuple(max(3, n - 3) for n in (board.columns, board.rows))
-    for start in (least, least[::-1], (3, 3)):
+    smallest_size = tuple(max(3, n - 3) for n in (board.columns, board.rows))
+    for start in (smallest_size, smallest_size[::-1], (3, 3)):
         is_found, corners, meta = cv2.findChessboardCornersSBWithMeta(
             small, start, cv2.CALIB_CB_LARGER
         )
@@ -275,8 +275,8 @@ def _two(board: "Board") -> str:
 
 def _circles(image: np.ndarray, board: "Board") -> Found:
     asymmetric = board.kind == "asymmetric-circles"
-    both = [circles.candidates(image, light) for light in (False, True)]
-    for discs in sorted(both, key=lambda d: abs(d.shape[1] - board.count)):
+    discs_by_polarity = [circles.candidates(image, light) for light in (False, True)]
+    for discs in sorted(discs_by_polarity, key=lambda d: abs(d.shape[1] - board.count)):
         chosen = circles.grid_among(discs, board.columns, board.rows, asymmetric)
         if chosen is None:
             continue
@@ -293,7 +293,7 @@ def _circles(image: np.ndarray, board: "Board") -> Found:
         ):
             return Found(why=_two(board))
         return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
-    return _another_grid(both, board, image.shape)
+    return _another_grid(discs_by_polarity, board, image.shape)
 
 
 def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
@@ -329,21 +329,23 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
     return size[0], size[1]
 
 
-def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
+def _another_grid(
+    discs_by_polarity: list[np.ndarray], board: "Board", shape: tuple[int, int]
+) -> Found:
     """Find another grid of circles: sizes around the expected one, the largest first."""
     wide = board.columns
     high = board.rows
     asymmetric = board.kind == "asymmetric-circles"
-    around = {
+    neighbouring_sizes = {
         (a, b)
         for a in range(max(3, wide // 2), wide + 2)
         for b in range(max(3, high // 2), high + 2)
     }
-    sizes = [(*s, asymmetric) for s in (around | {(high, wide)}) - {(wide, high)}] + [
+    sizes = [(*s, asymmetric) for s in (neighbouring_sizes | {(high, wide)}) - {(wide, high)}] + [
         (wide, high, not asymmetric)
     ]
     for columns, rows, kind in sorted(sizes, key=lambda s: -s[0] * s[1]):
-        for discs in both:
+        for discs in discs_by_polarity:
             chosen = circles.grid_among(discs, columns, rows, kind)
             if chosen is None:
                 continue
@@ -357,8 +359,10 @@ def _another_grid(both: list[np.ndarray], board: "Board", shape: tuple[int, int]
             return Found(
                 why=_other(board, (columns, rows), cut), size=None if cut else (columns, rows)
             )
-    most = max(d.shape[1] for d in both)
-    return Found(why=f"no grid of circles found: {most} discs of one size, {board.count} expected")
+    most_discs = max(d.shape[1] for d in discs_by_polarity)
+    return Found(
+        why=f"no grid of circles found: {most_discs} discs of one size, {board.count} expected"
+    )
 
 
 # ChArUco
@@ -382,9 +386,11 @@ def _another_charuco(image: np.ndarray, board: "Board", corners: int, markers: n
     wide = board.columns
     high = board.rows
     best = (max(5, 1.3 * corners), 0, None)
-    around = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
+    neighbouring_boards = {
+        (wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)
+    }
     for columns, rows, legacy in {
-        *around,
+        *neighbouring_boards,
         (high, wide, board.legacy),
         (wide, high, not board.legacy),
     }:
@@ -476,9 +482,9 @@ def _aprilgrid(image: np.ndarray, board: "Board") -> Found:
 
 def _handedness(grid: np.ndarray) -> float:
     """Above 0 where y is clockwise from x in the image, so that the board's z points away from the camera."""
-    along = np.diff(grid, axis=1)[:-1]
+    row_step = np.diff(grid, axis=1)[:-1]
     down = np.diff(grid, axis=0)[:, :-1]
-    return float(np.sum(along[..., 0] * down[..., 1] - along[..., 1] * down[..., 0]))
+    return float(np.sum(row_step[..., 0] * down[..., 1] - row_step[..., 1] * down[..., 0]))
 
 
 def _right_handed(grid: np.ndarray) -> np.ndarray:

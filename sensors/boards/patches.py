@@ -44,23 +44,23 @@ class Fit:
 def fit_saddles(
     image: np.ndarray,
     centres: np.ndarray,
-    along: np.ndarray,
+    row_step: np.ndarray,
     down: np.ndarray,
     clear: float = 1.0,
     steps: int = STEPS,
 ) -> Fit:
     """Corners where four squares meet, from starts (2, n) px within a fifth of a square, in at most so many steps.
 
-    along, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
+    row_step, down: (2, n) px, from a corner to its next one in the row and in the column. clear: share of a
     square next to each edge that shows nothing else, such as the rim around a marker. `values` are
     x, y, the two edges' angles (rad), log blur (px), grey level, half the contrast (negative where the
-    square between `along` and `down` is dark), and the slope of the light (a px, across and down).
+    square between `row_step` and `down` is dark), and the slope of the light (a px, across and down).
     """
-    reach = np.clip(0.45 * np.minimum(np.hypot(*along), np.hypot(*down)), 2.5, REACH)
+    reach = np.clip(0.45 * np.minimum(np.hypot(*row_step), np.hypot(*down)), 2.5, REACH)
     spots, grey, weight = _patches(image, centres, reach)
     weight = weight * (np.hypot(*spots - centres[:, :, None]) <= reach[:, None])
     weight = (
-        weight * _near_edges(spots - centres[:, :, None], along, down, clear)
+        weight * _near_edges(spots - centres[:, :, None], row_step, down, clear)
         if clear < 0.5
         else weight
     )
@@ -68,7 +68,7 @@ def fit_saddles(
     start = np.stack(
         [
             *centres,
-            np.arctan2(along[1], along[0]),
+            np.arctan2(row_step[1], row_step[0]),
             np.arctan2(down[1], down[0]),
             np.zeros_like(reach),
             middle,
@@ -84,12 +84,12 @@ def fit_saddles(
 
 
 def _near_edges(
-    distance_from_edge: np.ndarray, along: np.ndarray, down: np.ndarray, margin: float
+    distance_from_edge: np.ndarray, row_step: np.ndarray, down: np.ndarray, margin: float
 ) -> np.ndarray:
     """(n, m) bool: pixels less than a pixel's blur short of `clear` squares from one of the two edges."""
-    area = np.abs(along[0] * down[1] - along[1] * down[0])
-    near = np.zeros(distance_from_edge.shape[1:], bool)
-    for edge in (along, down):
+    area = np.abs(row_step[0] * down[1] - row_step[1] * down[0])
+    is_near_edge = np.zeros(distance_from_edge.shape[1:], bool)
+    for edge in (row_step, down):
         distance = (
             np.abs(
                 edge[0][:, None] * distance_from_edge[1] - edge[1][:, None] * distance_from_edge[0]
@@ -97,8 +97,8 @@ def _near_edges(
             / np.hypot(*edge)[:, None]
         )
         rim = margin * area / np.hypot(*edge)
-        near |= distance <= np.maximum(rim - 1, 1.5)[:, None]
-    return near
+        is_near_edge |= distance <= np.maximum(rim - 1, 1.5)[:, None]
+    return is_near_edge
 
 
 def fit_discs(
@@ -147,14 +147,14 @@ def disc_area(fit: Fit) -> np.ndarray:
 
 def _checked(fit: Fit, start: np.ndarray, reach: np.ndarray, contrast: np.ndarray) -> Fit:
     """`good` only where the place stayed near its start and the mark stands out of what is left."""
-    near = np.hypot(*(fit.centre - start)) < 0.5 * reach
+    is_near_start = np.hypot(*(fit.centre - start)) < 0.5 * reach
     rms = fit.values[:, -1]
     has_contrast = np.abs(contrast) > CLEAR * rms
     known = np.isfinite(fit.sigma) & (fit.sigma < 0.5)
-    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], near & has_contrast & known)
+    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], is_near_start & has_contrast & known)
 
 
-def _patches(image, centres, reach, inside=None):
+def _patches(image, centres, reach, inner_radius=None):
     """Pixels (2, n, m) around each centre, their grey values (n, m), and 1 where they are used (n, m)."""
     half = int(np.ceil(reach.max())) + 1
     side = np.arange(-half, half + 1)
@@ -163,8 +163,8 @@ def _patches(image, centres, reach, inside=None):
     from_centre = offsets[:, None] + (middle - centres)[:, :, None]
     distance = np.hypot(*from_centre)
     used = distance <= reach[:, None] + 1
-    if inside is not None:
-        used &= distance >= inside[:, None] - 1
+    if inner_radius is not None:
+        used &= distance >= inner_radius[:, None] - 1
     # used pixels first, as many columns as the largest patch needs
     order = np.argsort(~used, axis=1, kind="stable")[:, : used.sum(1).max()]
     spots = middle[:, :, None] + offsets[:, order]
@@ -197,7 +197,7 @@ def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     d1, d2: distances from the two edges, positive between them; a corner blurred by a Gaussian of width s.
     """
-    cx, cy, first, second, blur, level, half, right, below = p.T[:, :, None]
+    cx, cy, first, second, blur, level, half, horizontal_slope, vertical_slope = p.T[:, :, None]
     ux = spots[0] - cx
     uy = spots[1] - cy
     size = _size(blur)
@@ -207,8 +207,8 @@ def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     by2 = half * e1 * slope2
     jacobian = np.stack(
         [
-            by1 * np.sin(first) - by2 * np.sin(second) - right,
-            by2 * np.cos(second) - by1 * np.cos(first) - below,
+            by1 * np.sin(first) - by2 * np.sin(second) - horizontal_slope,
+            by2 * np.cos(second) - by1 * np.cos(first) - vertical_slope,
             -by1 * (np.cos(first) * ux + np.sin(first) * uy),
             by2 * (np.cos(second) * ux + np.sin(second) * uy),
             -by1 * d1 - by2 * d2,
@@ -218,7 +218,7 @@ def _saddle(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             uy,
         ]
     )
-    return level + half * e1 * e2 + right * ux + below * uy, jacobian
+    return level + half * e1 * e2 + horizontal_slope * ux + vertical_slope * uy, jacobian
 
 
 def _size(blur):
@@ -244,7 +244,7 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     from scipy.special import erf
 
-    cx, cy, b11, b12, b22, blur, level, half, right, below = p.T[:, :, None]
+    cx, cy, b11, b12, b22, blur, level, half, horizontal_slope, vertical_slope = p.T[:, :, None]
     ux = spots[0] - cx
     uy = spots[1] - cy
     size = _size(blur)
@@ -260,8 +260,8 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     by_m = by / steep
     jacobian = np.stack(
         [
-            -by_m * gx - right,
-            -by_m * gy - below,
+            -by_m * gx - horizontal_slope,
+            -by_m * gy - vertical_slope,
             by_m * vx * ux / m,
             by_m * (vx * uy + vy * ux) / m,
             by_m * vy * uy / m,
@@ -272,7 +272,7 @@ def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             uy,
         ]
     )
-    return level + half * edge + right * ux + below * uy, jacobian
+    return level + half * edge + horizontal_slope * ux + vertical_slope * uy, jacobian
 
 
 def _fit(model: Model, start, spots, grey, weight, steps: int = STEPS) -> Fit:
@@ -320,7 +320,7 @@ class _MovingPatches:
             np.where(better, self.damping / 8, self.damping * 6),
         )
 
-    def some(self, chosen: np.ndarray) -> "_MovingPatches":
+    def subset(self, chosen: np.ndarray) -> "_MovingPatches":
         """The chosen ones of these patches."""
         return _MovingPatches(
             self.index[chosen],
@@ -354,7 +354,7 @@ def _levenberg(model, p, seen, steps):
         if (length < SETTLED).all():
             break
         active = np.flatnonzero((length > _AT_REST) | falls)
-        patches = patches.some(active)
+        patches = patches.subset(active)
         seen = seen[0][:, active], seen[1][active], seen[2][active]
     return _with_sigma(model, values, spots, grey, weight, normal, cost)
 

@@ -88,8 +88,8 @@ class BallRadius(Effect):
         return (self.parameter("growth", "mm", 0.01, f"the error of {whose}"),)
 
     def basis(self, state):
-        mine = state.ball > 0 if self.every else state.ball == self.number
-        return np.where(mine, known(state.normals), 0.0)[None]
+        is_scaled = state.ball > 0 if self.every else state.ball == self.number
+        return np.where(is_scaled, known(state.normals), 0.0)[None]
 
 
 class BallForm(Effect):

@@ -65,8 +65,8 @@ def warm_ups(kind, where: str, times, prior: float = 1.0, missing: str = "", suf
     constants, start = time_constants(times)
     word = "warming up with time constant {:g} s" + suffix
     for constant in constants:
-        about = (word.format(constant), prior / len(constants), missing)
-        yield Variant(kind(where, constant, start), *about, "time_constant_s", word)
+        description = (word.format(constant), prior / len(constants), missing)
+        yield Variant(kind(where, constant, start), *description, "time_constant_s", word)
 
 
 def time_constants(times) -> tuple[list[float], float]:

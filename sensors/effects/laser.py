@@ -88,20 +88,20 @@ class PlaneBow(Effect):
         if self.depth_mm is not None:
             place = state.points - np.array([[0.0], [0.0], [self.depth_mm]])
             direction = stripe_direction(state.planes)
-            along = (direction * place).sum(0)
-            across = (np.cross(state.planes[:3], direction, axis=0) * place).sum(0)
-            return known(np.stack([along**i * across**j for i, j in _POWERS]))[:, None]
+            stripe_place = (direction * place).sum(0)
+            fan_place = (np.cross(state.planes[:3], direction, axis=0) * place).sum(0)
+            return known(np.stack([stripe_place**i * fan_place**j for i, j in _POWERS]))[:, None]
         if self.apex is None:
             return np.ones((1, 1, state.n))
         place = state.points - self.apex
         direction = stripe_direction(state.planes)
         if self.axis is not None:
             direction = np.where(np.isnan(direction), np.nan, np.array(self.axis, float)[:, None])
-        along = (direction * place).sum(0)
-        across = np.sqrt(np.maximum((place**2).sum(0) - along**2, 1.0))
-        slope = along / across
-        seen = np.where(np.isnan(slope), np.nan, 0.5 / across)
-        return known(np.stack([along * slope / 2, -(slope**2) / 2, -slope, seen]))[:, None]
+        stripe_place = (direction * place).sum(0)
+        fan_place = np.sqrt(np.maximum((place**2).sum(0) - stripe_place**2, 1.0))
+        slope = stripe_place / fan_place
+        seen = np.where(np.isnan(slope), np.nan, 0.5 / fan_place)
+        return known(np.stack([stripe_place * slope / 2, -(slope**2) / 2, -slope, seen]))[:, None]
 
 
 class GhostLine(Effect):
@@ -142,9 +142,9 @@ class GhostLine(Effect):
     def table(self, chain):
         return (self.parameter("share", "1", 0.1, "the brightness of the second line"),)
 
-    def distance(self, along: np.ndarray) -> np.ndarray:
-        """(n,) mm from the line to its copy at places `along` (n,) mm the stripe."""
-        return self.offset_mm + np.tan(np.deg2rad(self.angle_deg)) * along
+    def distance(self, stripe_place: np.ndarray) -> np.ndarray:
+        """(n,) mm from the line to its copy at places `stripe_place` (n,) mm the stripe."""
+        return self.offset_mm + np.tan(np.deg2rad(self.angle_deg)) * stripe_place
 
     def basis(self, state):
         distance = self.distance(known((stripe_direction(state.planes) * state.points).sum(0)))
@@ -180,10 +180,10 @@ class MirrorWobble(Effect):
         )
 
     def basis(self, state):
-        along = known(stripe_direction(state.planes))
+        stripe_axis = known(stripe_direction(state.planes))
         none = np.zeros(state.n)
         is_lit = (~np.isnan(state.planes[3])).astype(float)
-        moves = np.stack([np.stack([*along, none]), np.stack([none, none, none, is_lit])])
+        moves = np.stack([np.stack([*stripe_axis, none]), np.stack([none, none, none, is_lit])])
         waves = known(
             np.stack([wave(k * state.mirror) for k in (1, 2) for wave in (np.cos, np.sin)])
         )

@@ -137,8 +137,8 @@ class CameraThermalDrift(WarmUpLaw, Effect):
     def basis(self, state):
         camera = state.camera
         displacement = known(state.pixels - np.array([[camera.cx], [camera.cy]]))
-        aside = np.broadcast_to(np.eye(2)[:, :, None], (2, *displacement.shape))
-        return np.concatenate([displacement[None], aside]) * self.progress(state)
+        shift_rows = np.broadcast_to(np.eye(2)[:, :, None], (2, *displacement.shape))
+        return np.concatenate([displacement[None], shift_rows]) * self.progress(state)
 
 
 class WindowRefraction(Effect):
@@ -201,9 +201,9 @@ class WindowRefraction(Effect):
         normal /= np.linalg.norm(normal)
         rays = state.rays
         cosine = normal @ rays
-        aside = rays - normal[:, None] * cosine
-        inside = np.sqrt(self.index**2 - 1 + cosine**2)  # N cos a'
-        shift = -aside * (1 / cosine - 1 / inside)
+        tangential = rays - normal[:, None] * cosine
+        cosine_inside = np.sqrt(self.index**2 - 1 + cosine**2)  # N cos a'
+        shift = -tangential * (1 / cosine - 1 / cosine_inside)
         return shift / np.linalg.norm(state.points, axis=0)
 
     def _expanded(self, state) -> list[np.ndarray]:

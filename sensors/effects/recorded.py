@@ -15,7 +15,7 @@ from workbench.core.vocabulary import Covariate
 _FINEST = (
     6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
 )
-_MOST = 3000  # frequencies
+_MAX_FREQUENCIES = 3000  # frequencies
 _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s", *Blooming.needs)
 
 
@@ -121,7 +121,7 @@ class MirrorVibration(Effect):
         duration = float(np.ptp(times))
         step = float(np.median(np.diff(times)))
         spacing = 2 * np.pi / (_FINEST * duration)
-        highest = min(np.pi / max(step, 1e-9), spacing * _MOST)
+        highest = min(np.pi / max(step, 1e-9), spacing * _MAX_FREQUENCIES)
         values = np.arange(6 * np.pi / duration, highest, spacing)
         even = np.full(len(values), 1 / max(len(values), 1))
         for where in chain.places("mirror") if len(values) else ():
@@ -235,9 +235,9 @@ class BoardPointErrors(Effect):
         columns, rows = getattr(chain, "board_lines", ((), ()))
         lines = [("column", x) for x in columns] + [("row", y) for y in rows]
         for where in chain.places("artefact"):
-            for line, at in lines:
-                label = f"{line} at {at:g} mm"
-                yield Variant(cls(where, line, float(at)), label, 1 / len(lines))
+            for line, position in lines:
+                label = f"{line} at {position:g} mm"
+                yield Variant(cls(where, line, float(position)), label, 1 / len(lines))
 
     def table(self, chain):
         name = f"{self.line}{self.at_mm:g}".replace(".", "p").replace("-", "m")
@@ -248,5 +248,5 @@ class BoardPointErrors(Effect):
 
     def basis(self, state):
         place = state.target[1 if self.line == "row" else 0]
-        mine = (np.abs(place - self.at_mm) < 1e-3).astype(float)
-        return np.eye(2)[:, :, None] * mine
+        is_on_line = (np.abs(place - self.at_mm) < 1e-3).astype(float)
+        return np.eye(2)[:, :, None] * is_on_line

@@ -87,8 +87,8 @@ class SubsurfaceScatter(Effect):
         rays = state.rays
         normals = state.normals
         inward = normals * np.sign((rays * normals).sum(0))
-        mine = np.ones(state.n, bool) if self.everywhere else state.ball > 0
-        return np.where(mine, known(np.stack([rays, inward])), 0.0)
+        is_displaced = np.ones(state.n, bool) if self.everywhere else state.ball > 0
+        return np.where(is_displaced, known(np.stack([rays, inward])), 0.0)
 
 
 class NoiseHeteroscedastic(NoiseLaw, Effect):

@@ -64,8 +64,12 @@ def defocus(light, sigma):
     """
     import torch
 
-    lit = sigma[light > 0]
-    low, high = (float(lit.min()), float(lit.max())) if lit.numel() else (1.0, 1.0)
+    sigma_of_lit = sigma[light > 0]
+    low, high = (
+        (float(sigma_of_lit.min()), float(sigma_of_lit.max()))
+        if sigma_of_lit.numel()
+        else (1.0, 1.0)
+    )
     count = int(min(_LEVELS, 1 + np.ceil(np.log(high / low) / np.log(_RATIO))))
     if count == 1 or high < 1.02 * low:
         return blur(light, (low + high) / 2)
@@ -87,11 +91,11 @@ def _share(value, knots, k):
     return torch.minimum(rise, fall).clamp(0, 1)
 
 
-def gathered(light, parts: int):
-    """(H, W) means over squares of parts x parts of a finer image."""
+def gathered(light, oversampling: int):
+    """(H, W) means over squares of oversampling x oversampling of a finer image."""
     from torch.nn.functional import avg_pool2d
 
-    return avg_pool2d(light[None, None], parts)[0, 0]
+    return avg_pool2d(light[None, None], oversampling)[0, 0]
 
 
 def speckle(light, contrast: float, grain: float, random):

@@ -25,12 +25,12 @@ def indirect_light(instrument: Instrument, stage: Stage, found: Stripe):
     points = stage.points[:, :, 0]
     normals = stage.normals[:, :, 0]
     bright = found.light.mean(1)
-    lit = np.flatnonzero(bright > _DIM * bright.max(initial=0.0))
-    if not len(lit):
+    lit_places = np.flatnonzero(bright > _DIM * bright.max(initial=0.0))
+    if not len(lit_places):
         return None
     power = bright * _areas(instrument, points[:, rows], normals[:, rows])
-    chosen = lit[:: -(-len(lit) // _PATCHES)]
-    scale = power[lit].sum() / power[chosen].sum()
+    chosen = lit_places[:: -(-len(lit_places) // _PATCHES)]
+    scale = power[lit_places].sum() / power[chosen].sum()
     patches = points[:, rows[chosen]], normals[:, rows[chosen]], scale * power[chosen]
     received = irradiance(points, normals, *patches) * stage.albedo[:, 0]
     return _on_image(instrument, stage, share * received)

@@ -130,10 +130,12 @@ class Instrument:
         """(5, n) normal, offset and curvature of the light plane at each observation of `state`."""
         causes = moment.causes
         planes = state.planes
-        if self.mirror is not None and causes.on("mirror"):
+        if self.mirror is not None and causes.acts_on("mirror"):
             planes = self.mirror.planes(state.mirror + causes.delta("mirror", state)[0])
         planes_here = np.vstack([planes, np.zeros(state.n)])
-        return planes_here + causes.delta("plane", state) if causes.on("plane") else planes_here
+        return (
+            planes_here + causes.delta("plane", state) if causes.acts_on("plane") else planes_here
+        )
 
     def light(self, index: int) -> np.ndarray | None:
         """(3,) mm where the light of a step seems to come from: the source's image in the mirror."""

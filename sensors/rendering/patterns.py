@@ -41,10 +41,10 @@ class Pattern:
         """Least and largest (x, y) of the board itself, mm."""
         points = self.board.points[:2]
         step = self.board.square_mm
-        around = step * (self.margin + (0 if self.board.marks == "circles" else 1))
-        return points.min(1) - around, points.max(1) + around
+        border = step * (self.margin + (0 if self.board.marks == "circles" else 1))
+        return points.min(1) - border, points.max(1) + border
 
-    def inside(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def contains(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(n,) bool: on the board."""
         low, high = self.extent
         return (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
@@ -125,9 +125,9 @@ def _wave(x, width):
     return (1 - 2 * (cell % 2)) * np.minimum(1, 2 * edge / np.maximum(width, 1e-9))
 
 
-def _step(inside, width):
-    """(n,) share of a square of side `width` that is within an edge `inside` away."""
-    return np.clip(0.5 + inside / np.maximum(width, 1e-9), 0, 1)
+def _step(depth, width):
+    """(n,) share of a square of side `width` that is within an edge `depth` away."""
+    return np.clip(0.5 + depth / np.maximum(width, 1e-9), 0, 1)
 
 
 def _circles(board, x, y, width, radius):
@@ -135,8 +135,10 @@ def _circles(board, x, y, width, radius):
     step = board.square_mm
     row = np.clip(np.round(y / step), 0, board.rows - 1)
     if board.kind == "asymmetric-circles":  # the nearest may be of the row above or below
-        near = [_nearest(board, x, y, np.clip(row + k, 0, board.rows - 1)) for k in (-1, 0, 1)]
-        distance = np.minimum(np.minimum(near[0], near[1]), near[2])
+        row_distances = [
+            _nearest(board, x, y, np.clip(row + k, 0, board.rows - 1)) for k in (-1, 0, 1)
+        ]
+        distance = np.minimum(np.minimum(row_distances[0], row_distances[1]), row_distances[2])
     else:
         distance = _nearest(board, x, y, row)
     return _step(radius * step - distance, width)
@@ -155,19 +157,22 @@ def _texture(bits, number, u, v, width):
     side = bits.shape[1]
     padded = np.pad(bits, ((0, 0), (1, 1), (1, 1)))
     share = 0.0
-    (left_share, right_share), (above, below_share) = _between(u, width), _between(v, width)
-    for across in (0, 1):
+    (column_cell, right_share), (row_cell, below_share) = (
+        _cell_and_share(u, width),
+        _cell_and_share(v, width),
+    )
+    for column_offset in (0, 1):
         for down in (0, 1):
-            column = np.clip(left_share + across + 1, 0, side + 1)
-            row = np.clip(above + down + 1, 0, side + 1)
-            weight = (right_share if across else 1 - right_share) * (
+            column = np.clip(column_cell + column_offset + 1, 0, side + 1)
+            row = np.clip(row_cell + down + 1, 0, side + 1)
+            weight = (right_share if column_offset else 1 - right_share) * (
                 below_share if down else 1 - below_share
             )
             share = share + weight * padded[number, row, column]
     return share
 
 
-def _between(place, width):
+def _cell_and_share(place, width):
     """The cell before the nearest edge, and the share of the square that lies beyond that edge."""
     edge = np.round(place)
     return edge.astype(int) - 1, _step(place - edge, width)

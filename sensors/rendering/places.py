@@ -39,9 +39,11 @@ def _values(place: Place) -> np.ndarray:
 def _random(views, middle, camera, rng, fits=None) -> np.ndarray:
     """(6,) pose that brings the object's point `middle` into the field; the first of many that `fits`."""
     tilt = np.deg2rad(views.tilt_deg) * np.sqrt(rng.uniform(size=_TRIES))
-    about = rng.uniform(0, 2 * np.pi, _TRIES)
+    azimuth = rng.uniform(0, 2 * np.pi, _TRIES)
     roll = np.deg2rad(views.roll_deg) * rng.uniform(-1, 1, _TRIES)
-    tilts = Rotation.from_rotvec((tilt * np.stack([np.cos(about), np.sin(about), 0 * about])).T)
+    tilts = Rotation.from_rotvec(
+        (tilt * np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth])).T
+    )
     rotations = (tilts * Rotation.from_rotvec(np.outer(roll, [0, 0, 1.0]))).as_matrix()
     size = np.array(camera.size)[:, None]
     pixels = (size - 1) / 2 * (1 + views.aside * rng.uniform(-1, 1, (2, _TRIES)))
@@ -64,5 +66,5 @@ def _in_view(poses, pattern, camera):
     seen = np.einsum("nij,jk->ink", rotations, points) + poses[:, :3].T[:, :, None]
     pixels = camera.project(seen.reshape(3, -1)).reshape(2, len(poses), -1)
     size = np.array(camera.size)[:, None, None]
-    near = 0.01 * size.max()
-    return ((pixels > near) & (pixels < size - 1 - near)).all((0, 2)) & (seen[2] > 0).all(1)
+    margin = 0.01 * size.max()
+    return ((pixels > margin) & (pixels < size - 1 - margin)).all((0, 2)) & (seen[2] > 0).all(1)

@@ -25,7 +25,7 @@ class Causes:
 
     pairs: tuple[tuple[Effect, np.ndarray], ...] = ()
 
-    def on(self, port: str) -> bool:
+    def acts_on(self, port: str) -> bool:
         """Whether anything acts on this port."""
         return any(effect.port == port for effect, _ in self.pairs if not isinstance(effect, DRAWN))
 

@@ -245,8 +245,8 @@ def _images(scene, take: _Take, folder) -> Iterator[Mapping]:
     sweep = render_scan(instrument, take.surfaces, moments, seed, scene.parts[1])
     backwards = take.covariates.get("sweep", 1) < 0
     for k, image in enumerate(sweep):
-        what = "scan" if take.role == "scan" else "board"
-        name = f"images/{what}-{take.place:03d}-step-{instrument.steps[k]:03d}.png"
+        role = "scan" if take.role == "scan" else "board"
+        name = f"images/{role}-{take.place:03d}-step-{instrument.steps[k]:03d}.png"
         _save(folder / name, image)
         since = (len(moments) - 1 - k if backwards else k) * take.seconds
         row = {"image": name, **common, "step": int(instrument.steps[k])}

@@ -11,18 +11,18 @@ from sensors.rendering.ports import Moment
 from sensors.rendering.stripes import Canvas, Stripe, set_stage, stripe
 from sensors.rendering.surfaces import Surface
 
-STILL = Moment()
+NO_MOTION = Moment()
 
 
 def render_board(
     instrument: Instrument,
     surfaces: Sequence[Surface],
-    moment: Moment = STILL,
+    moment: Moment = NO_MOTION,
     seed: int = 0,
-    parts: int = 4,
+    oversampling: int = 4,
 ) -> np.ndarray:
     """(H, W) image, uint8 or uint16, of surfaces under the lamp, laser off."""
-    light = lamp_light(instrument, surfaces, instrument.lamp.board, moment, parts)
+    light = lamp_light(instrument, surfaces, instrument.lamp.board, moment, oversampling)
     return _developed(instrument, light, formation.generator(seed))
 
 
@@ -37,17 +37,17 @@ def render_scan(
     surfaces: Sequence[Surface],
     moments: Sequence[Moment] | None = None,
     seed: int = 0,
-    parts: int = 2,
+    oversampling: int = 2,
 ) -> Iterator[np.ndarray]:
     """Images (H, W), uint8 or uint16, one a step of the instrument, of the stripe on the surfaces.
 
     `moments` one a step; what acts on the lens, and the surfaces, are those of the first: during
     one scan nothing but the mirror moves.
     """
-    moments = [STILL] * len(instrument.steps) if moments is None else moments
-    lamp = lamp_light(instrument, surfaces, instrument.lamp.laser, moments[0], parts)
+    moments = [NO_MOTION] * len(instrument.steps) if moments is None else moments
+    lamp = lamp_light(instrument, surfaces, instrument.lamp.laser, moments[0], oversampling)
     canvas = _canvas(instrument, surfaces, moments[0])
-    stage = set_stage(instrument, surfaces, moments, canvas, parts)
+    stage = set_stage(instrument, surfaces, moments, canvas, oversampling)
     for index, moment in enumerate(moments):
         random = formation.generator(seed, index)
         found = stripe(instrument, surfaces, stage, index, moment)
@@ -61,12 +61,12 @@ def laser_light(
     instrument: Instrument,
     surfaces: Sequence[Surface],
     moments: Sequence[Moment] | None = None,
-    parts: int = 2,
+    oversampling: int = 2,
 ) -> Iterator[np.ndarray]:
     """(H, W) float32 electrons of the stripe of each step alone: blurred, without speckle, lamp or noise."""
-    moments = [STILL] * len(instrument.steps) if moments is None else moments
+    moments = [NO_MOTION] * len(instrument.steps) if moments is None else moments
     canvas = _canvas(instrument, surfaces, moments[0])
-    stage = set_stage(instrument, surfaces, moments, canvas, parts)
+    stage = set_stage(instrument, surfaces, moments, canvas, oversampling)
     for index, moment in enumerate(moments):
         found = stripe(instrument, surfaces, stage, index, moment)
         yield _full(_spread_stripe(instrument, found, canvas), canvas).cpu().numpy()
@@ -76,13 +76,13 @@ def lamp_light(
     instrument: Instrument,
     surfaces: Sequence[Surface],
     level: float,
-    moment: Moment = STILL,
-    parts: int = 4,
+    moment: Moment = NO_MOTION,
+    oversampling: int = 4,
 ):
     """(H, W) tensor, electrons that the lamp's light gives, blurred; `level` the share of the full well from white.
 
     Lambert's cosine of the incidence; of a lamp at the camera that is the angle of view. Pixels whose four corners
-    agree are even; the others are averaged over parts x parts rays of their own.
+    agree are even; the others are averaged over oversampling x oversampling rays of their own.
     """
     import torch
 
@@ -92,9 +92,9 @@ def lamp_light(
         corners, seen.surface.reshape(corners.shape), np.max(np.nan_to_num(corners), initial=0)
     )
     flat = np.flatnonzero(~even)
-    inner = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moment)
+    inner = sight.look(instrument, surfaces, canvas.pixels(flat, oversampling), moment)
     value.ravel()[flat] = (
-        _lamp(instrument, surfaces, inner, parts).reshape(len(flat), parts**2).mean(1)
+        _lamp(instrument, surfaces, inner, oversampling).reshape(len(flat), oversampling**2).mean(1)
     )
     depth = seen.points[2].reshape(corners.shape)[:-1, :-1]
     known = np.nan_to_num(depth, nan=instrument.optics.focus_mm)
@@ -109,18 +109,20 @@ def lamp_light(
 def _corners(instrument, surfaces, canvas, moment):
     """Lamp light (H + 1, W + 1) at the corners of the canvas's pixels, and what is seen there."""
     height, width = canvas.shape
-    down, across = np.meshgrid(np.arange(height + 1.0), np.arange(width + 1.0), indexing="ij")
-    places = np.stack([across.ravel(), down.ravel()]) - 0.5 - canvas.margin
+    down, column = np.meshgrid(np.arange(height + 1.0), np.arange(width + 1.0), indexing="ij")
+    places = np.stack([column.ravel(), down.ravel()]) - 0.5 - canvas.margin
     seen = sight.look(instrument, surfaces, places, moment)
     return _lamp(instrument, surfaces, seen, 16).reshape(height + 1, width + 1), seen
 
 
-def _lamp(instrument, surfaces, seen, parts):
+def _lamp(instrument, surfaces, seen, oversampling):
     """(n,) reflectance times the cosine of the lamp's incidence; the background's where nothing is seen."""
     rays = seen.points / np.sqrt((seen.points**2).sum(0))
-    towards = -rays if instrument.lamp.towards is None else _unit(instrument.lamp.towards)
-    cosine = (towards * sight.normals(surfaces, seen)).sum(0)
-    light = sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)) * np.maximum(cosine, 0)
+    to_lamp = -rays if instrument.lamp.towards is None else _unit(instrument.lamp.towards)
+    cosine = (to_lamp * sight.normals(surfaces, seen)).sum(0)
+    light = sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * oversampling)) * np.maximum(
+        cosine, 0
+    )
     return np.where(seen.surface >= 0, light, instrument.lamp.background)
 
 
@@ -133,17 +135,21 @@ def _unit(direction) -> np.ndarray:
 def _even(corners, surface, top):
     """(H, W) bool where a pixel's corners see one surface in nearly one light, and their mean."""
     four = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
-    which = np.stack([surface[:-1, :-1], surface[:-1, 1:], surface[1:, :-1], surface[1:, 1:]])
-    even = (np.ptp(four, axis=0) < 0.01 * top) & (which == which[0]).all(0)
+    surfaces_of_corners = np.stack(
+        [surface[:-1, :-1], surface[:-1, 1:], surface[1:, :-1], surface[1:, 1:]]
+    )
+    even = (np.ptp(four, axis=0) < 0.01 * top) & (
+        surfaces_of_corners == surfaces_of_corners[0]
+    ).all(0)
     return even, four.mean(0)
 
 
 def _canvas(instrument, surfaces, moment) -> Canvas:
     """With the margin that blur needs at the depths of this scene."""
     width, height = instrument.camera.size
-    across, down = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
+    column, down = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
     depth = sight.look(
-        instrument, surfaces, np.stack([across.ravel(), down.ravel()]), moment
+        instrument, surfaces, np.stack([column.ravel(), down.ravel()]), moment
     ).points[2]
     return Canvas(width, height, formation.margin(instrument.optics, depth) + 1)
 
@@ -170,23 +176,23 @@ def _spread_stripe(instrument, found: Stripe, canvas):
     if not found.thin:
         light = _placed(found.light.mean(1) * scale, place, shape)
         return formation.defocus(light, _placed(sigma, place, shape)), spread, top, left_column
-    parts = round(found.light.shape[1] ** 0.5)
-    fine = (shape[0] * parts, shape[1] * parts)
-    inner = np.arange(parts)
-    corner = parts * ((rows - top) * fine[1] + columns - left_column)
+    oversampling = round(found.light.shape[1] ** 0.5)
+    fine = (shape[0] * oversampling, shape[1] * oversampling)
+    inner = np.arange(oversampling)
+    corner = oversampling * ((rows - top) * fine[1] + columns - left_column)
     place = corner[:, None] + np.add.outer(inner * fine[1], inner).ravel()
     light = formation.defocus(
         _placed(found.light * scale, place, fine),
-        _placed(np.repeat(parts * sigma, parts**2), place, fine),
+        _placed(np.repeat(oversampling * sigma, oversampling**2), place, fine),
     )
-    return formation.gathered(light, parts), spread, top, left_column
+    return formation.gathered(light, oversampling), spread, top, left_column
 
 
-def _placed(values, place, shape, otherwise=0.0):
-    """Tensor (H, W) with values at flat places, `otherwise` elsewhere."""
+def _placed(values, place, shape, fill=0.0):
+    """Tensor (H, W) with values at flat places, `fill` elsewhere."""
     import torch
 
-    canvas = torch.full((shape[0] * shape[1],), otherwise, device=formation.device())
+    canvas = torch.full((shape[0] * shape[1],), fill, device=formation.device())
     canvas[torch.as_tensor(place.ravel(), device=canvas.device)] = torch.as_tensor(
         values.ravel(), dtype=torch.float32, device=canvas.device
     )

@@ -16,9 +16,9 @@ from workbench.core.text.sections import Ball, SceneTable, rising
 from workbench.core.text.structured_text import ContentError, read_toml
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-Above = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
-Span = Annotated[tuple[Above, Above], AfterValidator(rising)]
+Span = Annotated[tuple[Positive, Positive], AfterValidator(rising)]
 
 
 class CameraKeys(SceneTable):
@@ -26,8 +26,8 @@ class CameraKeys(SceneTable):
 
     width_px: int = Field(ge=16, le=20_000)
     height_px: int = Field(ge=16, le=20_000)
-    fx_px: Above
-    fy_px: Above
+    fx_px: Positive
+    fy_px: Positive
     cx_px: float
     cy_px: float
     distortion: Annotated[list[float], Field(min_length=5, max_length=8)] = [0.0] * 5
@@ -37,7 +37,7 @@ class LensKeys(SceneTable):
     """Blur, 1 sigma: `Optics`."""
 
     blur_px: float = Field(0.6, gt=0)
-    focus_mm: Above = 125.0
+    focus_mm: Positive = 125.0
     defocus_px: float = Field(8.0, ge=0)
     vignetting: float = Field(0.0, ge=0, le=20)
 
@@ -45,12 +45,12 @@ class LensKeys(SceneTable):
 class ChipKeys(SceneTable):
     """From electrons to numbers: `Chip`."""
 
-    full_well_e: Above = 10_000.0
+    full_well_e: Positive = 10_000.0
     read_noise_e: float = Field(12.0, ge=0)
     black: float = Field(0.01, ge=0, lt=1)
     bits: Literal[8, 10, 12, 16] = 8
     blooming: Share = 0.0
-    spill_px: Above = 3.0
+    spill_px: Positive = 3.0
 
 
 class LampKeys(SceneTable):
@@ -65,13 +65,13 @@ class LampKeys(SceneTable):
 class LaserKeys(SceneTable):
     """`source_mm` where the light of a fixed light plane comes from, camera frame; a mirror has its own."""
 
-    width_mm: Above = 0.06
-    peak: Above = 0.7
+    width_mm: Positive = 0.06
+    peak: Positive = 0.7
     speckle_contrast: float = Field(0.1, ge=0, le=1)
     speckle_grain_px: float = Field(0.8, ge=0)
     rayleigh_mm: float = Field(float("inf"), gt=0, allow_inf_nan=True)
     uneven: Share = 0.0
-    uneven_deg: Above = 5.0
+    uneven_deg: Positive = 5.0
     indirect: Share = 0.0
     source_mm: Vector | None = None
 
@@ -84,10 +84,10 @@ class MirrorKeys(SceneTable):
     Scans go both ways in turn where `both_ways`, at a speed at random within `speed_deg_s`.
     """
 
-    baseline_mm: Above = 69.0
-    aim_mm: Above = 125.0
+    baseline_mm: Positive = 69.0
+    aim_mm: Positive = 125.0
     offset_mm: float = 2.0
-    laser_mm: Above = 60.0
+    laser_mm: Positive = 60.0
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     steps: int = Field(120, ge=1, le=10_000)
     first_deg: float = -5.0
@@ -109,7 +109,7 @@ class BoardKeys(SceneTable):
     kind: Literal["chessboard", "charuco", "circles"] = "chessboard"
     columns: int = Field(11, ge=2)
     rows: int = Field(8, ge=2)
-    square_mm: Above = 3.0
+    square_mm: Positive = 3.0
     asymmetric: bool = False
     marker_mm: float | None = Field(None, gt=0)
     dictionary: str | None = None
@@ -129,11 +129,11 @@ class BoardKeys(SceneTable):
             "rows": self.rows,
             "square_mm": self.square_mm,
         }
-        more = {
+        optional = {
             name: getattr(self, name)
             for name in ("asymmetric", "marker_mm", "dictionary", "legacy")
         }
-        return keys | {name: value for name, value in more.items() if value}
+        return keys | {name: value for name, value in optional.items() if value}
 
     @property
     def pattern(self) -> Pattern:
@@ -211,7 +211,7 @@ class Scene(SceneTable):
     effect: list[Cause] = []
 
     @model_validator(mode="after")
-    def _whole(self):
+    def _check_contents(self):
         if self.mirror is not None and self.plane:
             raise ValueError("expected either [mirror] or [[plane]], found both")
         if self.scans.count + len(self.scans.places) and not (self.balls or self.mesh):
@@ -302,8 +302,8 @@ def read_scene(path: Path) -> Scene:
 
 def _sentence(path, first) -> str:
     key = ".".join(str(part + 1 if isinstance(part, int) else part) for part in first["loc"])
-    what = first["msg"].removeprefix("Value error, ")
-    what = what[0].lower() + what[1:]
+    problem = first["msg"].removeprefix("Value error, ")
+    problem = problem[0].lower() + problem[1:]
     if not key:  # of the file as a whole
-        return f"scene {path}: {what}; correct the scene"
-    return f"scene {path}, key {key}: {what}, found {first['input']!r}; correct or remove it"
+        return f"scene {path}: {problem}; correct the scene"
+    return f"scene {path}, key {key}: {problem}, found {first['input']!r}; correct or remove it"

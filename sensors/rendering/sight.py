@@ -29,12 +29,12 @@ def look(
     Observed pixel -> ideal pixel (port `pixel`) -> ray (port `ray`) -> nearest surface. What bends the ray
     may ask how far away the surface is, which the unbent ray says first.
     """
-    if moment.causes.on("pixel"):
+    if moment.causes.acts_on("pixel"):
         moment = replace(moment, focus=_focus_depth(instrument.camera, surfaces))
     starts = range(0, max(pixels.shape[1], 1), _BLOCK)
-    parts = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
+    blocks = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
     return Seen(
-        np.concatenate([p.points for p in parts], 1), np.concatenate([p.surface for p in parts])
+        np.concatenate([p.points for p in blocks], 1), np.concatenate([p.surface for p in blocks])
     )
 
 
@@ -51,13 +51,13 @@ def _look(instrument, surfaces, pixels, moment):
     camera = instrument.camera
     causes = moment.causes
     n = pixels.shape[1]
-    if causes.on("pixel"):
+    if causes.acts_on("pixel"):
         ideal = pixels - causes.delta("pixel", moment.state(camera, n, pixels=pixels))
     else:
         ideal = pixels
     rays = camera.rays(ideal)
     seen = _nearest(surfaces, rays)
-    if not causes.on("ray"):
+    if not causes.acts_on("ray"):
         return seen
     bent = rays + causes.delta("ray", moment.state(camera, n, pixels=pixels, points=seen.points))
     return _nearest(surfaces, bent / np.sqrt((bent**2).sum(0)))
@@ -65,34 +65,36 @@ def _look(instrument, surfaces, pixels, moment):
 
 def _nearest(surfaces, rays):
     best = np.full(rays.shape[1], np.inf)
-    which = np.full(rays.shape[1], -1, np.int16)
+    nearest_surface = np.full(rays.shape[1], -1, np.int16)
     for number, surface in enumerate(surfaces):
         distance = surface.meet(rays)
         nearer = distance < best  # nan, where there is nothing, is not
         best = np.where(nearer, distance, best)
-        which = np.where(nearer, number, which)
-    return Seen(rays * np.where(which >= 0, best, np.nan), which)
+        nearest_surface = np.where(nearer, number, nearest_surface)
+    return Seen(rays * np.where(nearest_surface >= 0, best, np.nan), nearest_surface)
 
 
-def parts_of_pixels(flat: np.ndarray, width: int, parts: int) -> np.ndarray:
-    """(2, n parts^2) places of the middles of parts x parts squares in pixels `flat` (n,), pixel by pixel."""
+def parts_of_pixels(flat: np.ndarray, width: int, oversampling: int) -> np.ndarray:
+    """(2, n oversampling^2) places of the middles of oversampling x oversampling squares in pixels `flat` (n,), pixel
+    by pixel.
+    """
     row, column = np.divmod(flat, width)
-    inner = (np.arange(parts) + 0.5) / parts - 0.5
-    down, across = np.meshgrid(inner, inner, indexing="ij")
-    places = np.stack([column[:, None] + across.ravel(), row[:, None] + down.ravel()])
+    inner = (np.arange(oversampling) + 0.5) / oversampling - 0.5
+    down, column_offset = np.meshgrid(inner, inner, indexing="ij")
+    places = np.stack([column[:, None] + column_offset.ravel(), row[:, None] + down.ravel()])
     return places.reshape(2, -1)
 
 
 def normals(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:
     """(3, n) unit normals of what is seen, nan where nothing is."""
-    return _each(
+    return _ask_surfaces(
         surfaces, seen, np.full(seen.points.shape, np.nan), lambda s, points: s.normals(points)
     )
 
 
 def albedo(surfaces: Sequence[Surface], seen: Seen, spread: float) -> np.ndarray:
     """(n,) reflectance of what is seen, 0 where nothing is; `spread` rad, the angle between samples."""
-    return _each(
+    return _ask_surfaces(
         surfaces,
         seen,
         np.zeros(len(seen.surface)),
@@ -105,9 +107,9 @@ def ball(surfaces: Sequence[Surface], seen: Seen) -> np.ndarray:
     return np.array([surface.number for surface in surfaces] + [0])[seen.surface]
 
 
-def _each(surfaces, seen, out, ask):
+def _ask_surfaces(surfaces, seen, out, ask):
     for number, surface in enumerate(surfaces):
-        mine = np.flatnonzero(seen.surface == number)
-        if mine.size:
-            out[..., mine] = ask(surface, seen.points[:, mine])
+        points_of_surface = np.flatnonzero(seen.surface == number)
+        if points_of_surface.size:
+            out[..., points_of_surface] = ask(surface, seen.points[:, points_of_surface])
     return out

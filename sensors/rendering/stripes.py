@@ -28,9 +28,9 @@ class Canvas:
     def shape(self) -> tuple[int, int]:
         return self.height + 2 * self.margin, self.width + 2 * self.margin
 
-    def pixels(self, flat: np.ndarray, parts: int = 1) -> np.ndarray:
-        """(2, n parts^2) places in the image of the canvas's pixels `flat` (n,), or of their parts."""
-        return sight.parts_of_pixels(flat, self.shape[1], parts) - self.margin
+    def pixels(self, flat: np.ndarray, oversampling: int = 1) -> np.ndarray:
+        """(2, n oversampling^2) places in the image of the canvas's pixels `flat` (n,), or of their subpixels."""
+        return sight.parts_of_pixels(flat, self.shape[1], oversampling) - self.margin
 
     def crop(self, light):
         """The image itself."""
@@ -54,7 +54,7 @@ class Stage:
     albedo: np.ndarray
     ball: np.ndarray
     chosen: tuple[np.ndarray, ...]
-    parts: int
+    oversampling: int
 
 
 def set_stage(
@@ -62,7 +62,7 @@ def set_stage(
     surfaces: Sequence[Surface],
     moments: Sequence[Moment],
     canvas: Canvas,
-    parts: int = 2,
+    oversampling: int = 2,
 ) -> Stage:
     """Look through every pixel that a stripe may reach; `moments` one a step."""
     middle = _middles(instrument, surfaces, moments[0], canvas)
@@ -75,17 +75,17 @@ def set_stage(
         used[rows] = True
     flat = np.flatnonzero(used)
     order = np.cumsum(used) - 1
-    seen = sight.look(instrument, surfaces, canvas.pixels(flat, parts), moments[0])
-    shape = (len(flat), parts**2)
+    seen = sight.look(instrument, surfaces, canvas.pixels(flat, oversampling), moments[0])
+    shape = (len(flat), oversampling**2)
     return Stage(
         canvas,
         flat,
         seen.points.reshape(3, *shape),
         sight.normals(surfaces, seen).reshape(3, *shape),
-        sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * parts)).reshape(shape),
+        sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * oversampling)).reshape(shape),
         sight.ball(surfaces, seen).reshape(shape),
         tuple(order[rows] for rows in reached),
-        parts,
+        oversampling,
     )
 
 
@@ -97,8 +97,8 @@ def _middles(instrument, surfaces, moment, canvas) -> np.ndarray:
     points = points.reshape(3, *canvas.shape)
     filled = points.copy()
     for axis, shift in ((1, 1), (1, -1), (2, 1), (2, -1)):
-        near = np.roll(points, shift, axis)
-        filled = np.where(np.isnan(filled), near, filled)
+        neighbour = np.roll(points, shift, axis)
+        filled = np.where(np.isnan(filled), neighbour, filled)
     return filled.reshape(3, -1)
 
 
@@ -113,8 +113,8 @@ def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
     moved = _plane_distance(instrument, index, probes, moment, {}) - (
         nominal[:3] @ probes + nominal[3]
     )
-    along = _along_stripe(instrument, index, probes)
-    copies = [moved - ghost.distance(along) for ghost, _ in moment.causes.ghost_lines]
+    stripe_place = _along_stripe(instrument, index, probes)
+    copies = [moved - ghost.distance(stripe_place) for ghost, _ in moment.causes.ghost_lines]
     moved = np.concatenate([moved, *copies])
     pixel = np.nanmax(probes[2]) / instrument.camera.fx
     low = min(moved.min(), 0)
@@ -130,14 +130,14 @@ def _plane_distance(instrument, index, points, moment, known) -> np.ndarray:
     n = points.shape[1]
     causes = moment.causes
     nominal = instrument.nominal_planes()[:, index]
-    if not any(causes.on(port) for port in ("mirror", "plane", "point")):
+    if not any(causes.acts_on(port) for port in ("mirror", "plane", "point")):
         return nominal[:3] @ points + nominal[3]
     state = _state(instrument, index, points, moment, np.tile(nominal[:, None], n), known)
     light_plane = instrument.light_planes(state, moment)
-    if causes.on("point"):
+    if causes.acts_on("point"):
         points = points + causes.delta("point", state)
-    along = (stripe_direction(light_plane[:4]) * points).sum(0)
-    return (light_plane[:3] * points).sum(0) + light_plane[3] + light_plane[4] * along**2
+    stripe_place = (stripe_direction(light_plane[:4]) * points).sum(0)
+    return (light_plane[:3] * points).sum(0) + light_plane[3] + light_plane[4] * stripe_place**2
 
 
 def _state(instrument, index, points, moment, planes, known) -> SensorState:
@@ -172,7 +172,7 @@ def stripe(
     points = stage.points[:, rows].reshape(3, -1)
     normals = stage.normals[:, rows].reshape(3, -1)
     known = {
-        "pixels": stage.canvas.pixels(stage.flat[rows], stage.parts)
+        "pixels": stage.canvas.pixels(stage.flat[rows], stage.oversampling)
         if moment.causes.pairs
         else None,
         "normals": normals,
@@ -181,33 +181,39 @@ def stripe(
     if known["pixels"] is None:
         del known["pixels"]
     distance = _plane_distance(instrument, index, points, moment, known)
-    bright = _across(instrument, index, distance, points)
+    bright = _light_across(instrument, index, distance, points)
     for ghost, share in moment.causes.ghost_lines:
-        apart = ghost.distance(_along_stripe(instrument, index, points))
-        bright = bright + share * _across(instrument, index, distance - apart, points)
-    bright = bright * _along(instrument, index, points)
-    lit = np.flatnonzero(bright > 1e-6)
-    there = points[:, lit], normals[:, lit]
-    diffuse = stage.albedo[rows].ravel()[lit] * _arriving(instrument, surfaces, index, *there)
-    bright[lit] *= diffuse + _specular(instrument, surfaces, index, known["ball"][lit], *there)
-    light = np.zeros(len(rows) * stage.parts**2)
-    light[lit] = bright[lit]
+        ghost_offset = ghost.distance(_along_stripe(instrument, index, points))
+        bright = bright + share * _light_across(instrument, index, distance - ghost_offset, points)
+    bright = bright * _fan_factor(instrument, index, points)
+    lit_places = np.flatnonzero(bright > 1e-6)
+    lit_points = points[:, lit_places], normals[:, lit_places]
+    diffuse = stage.albedo[rows].ravel()[lit_places] * _arriving(
+        instrument, surfaces, index, *lit_points
+    )
+    bright[lit_places] *= diffuse + _specular(
+        instrument, surfaces, index, known["ball"][lit_places], *lit_points
+    )
+    light = np.zeros(len(rows) * stage.oversampling**2)
+    light[lit_places] = bright[lit_places]
     depth = np.nan_to_num(stage.points[2, rows, 0], nan=instrument.optics.focus_mm)
-    shape = (len(rows), stage.parts**2)
+    shape = (len(rows), stage.oversampling**2)
     thin = _thin(
-        distance.reshape(shape), light.reshape(shape), stage.parts, instrument.laser.width_mm
+        distance.reshape(shape), light.reshape(shape), stage.oversampling, instrument.laser.width_mm
     )
     spread = _noise(instrument, stage, index, rows, moment)
     return Stripe(stage.flat[rows], light.reshape(shape), depth, spread, thin)
 
 
-def _thin(distance, light, parts, width) -> bool:
+def _thin(distance, light, oversampling, width) -> bool:
     """Whether the light plane's 1 sigma is under `_NARROW` px somewhere where it is bright."""
-    if parts == 1 or not light.any():
+    if oversampling == 1 or not light.any():
         return False
     bright = distance[light.max(1) > 0.1 * light.max()]
-    across, down = (parts * np.abs(bright[:, k] - bright[:, 0]) for k in (1, parts))
-    return bool(np.nanmax(np.hypot(across, down), initial=0) * _NARROW > width)
+    column_step, down = (
+        oversampling * np.abs(bright[:, k] - bright[:, 0]) for k in (1, oversampling)
+    )
+    return bool(np.nanmax(np.hypot(column_step, down), initial=0) * _NARROW > width)
 
 
 def _profile(distance, width):
@@ -224,7 +230,7 @@ def _widest(instrument, index, points):
     return float(np.max(laser.width(np.linalg.norm(points - source[:, None], axis=0))))
 
 
-def _across(instrument, index, distance, points):
+def _light_across(instrument, index, distance, points):
     """(n,) light across the light plane: its width grows away from the waist, and its peak falls with it."""
     source = instrument.light(index)
     laser = instrument.laser
@@ -240,7 +246,7 @@ def _along_stripe(instrument, index, points):
     return (stripe_direction(plane) * points).sum(0)
 
 
-def _along(instrument, index, points):
+def _fan_factor(instrument, index, points):
     """(n,) factor of brightness along the fan, of its angle about the source."""
     source = instrument.light(index)
     laser = instrument.laser
@@ -248,8 +254,8 @@ def _along(instrument, index, points):
         return np.ones(points.shape[1])
     plane = instrument.nominal_planes()[:, index, None]
     displacement = points - source[:, None]
-    along = (stripe_direction(plane) * displacement).sum(0)
-    angle = np.arcsin(np.clip(along / np.linalg.norm(displacement, axis=0), -1, 1))
+    axial = (stripe_direction(plane) * displacement).sum(0)
+    angle = np.arcsin(np.clip(axial / np.linalg.norm(displacement, axis=0), -1, 1))
     wave = np.cos(2 * np.pi * angle / np.deg2rad(laser.uneven_deg))
     return np.nan_to_num(1 + laser.uneven * wave)
 
@@ -261,15 +267,17 @@ def _specular(instrument, surfaces, index, balls, points, normals):
     highlight = np.zeros(points.shape[1])
     if source is None or not glossy:
         return highlight
-    towards = source[:, None] - points
-    length = np.linalg.norm(towards, axis=0)
-    towards = towards / length
-    back = -points / np.linalg.norm(points, axis=0)
-    lit = (towards * normals).sum(0) > 0
+    to_source = source[:, None] - points
+    length = np.linalg.norm(to_source, axis=0)
+    to_source = to_source / length
+    to_camera = -points / np.linalg.norm(points, axis=0)
+    is_lit = (to_source * normals).sum(0) > 0
     for number, gloss in glossy.items():
-        mine = lit & (balls == number)
-        light = gloss.reflected(towards[:, mine], back[:, mine], normals[:, mine])
-        highlight[mine] = light * instrument.laser.reach_mm / length[mine]
+        is_of_ball = is_lit & (balls == number)
+        light = gloss.reflected(
+            to_source[:, is_of_ball], to_camera[:, is_of_ball], normals[:, is_of_ball]
+        )
+        highlight[is_of_ball] = light * instrument.laser.reach_mm / length[is_of_ball]
     return highlight
 
 
@@ -278,17 +286,17 @@ def _arriving(instrument, surfaces, index, points, normals):
     source = instrument.light(index)
     if source is None:
         return np.ones(points.shape[1])
-    towards = source[:, None] - points
-    length = np.sqrt((towards**2).sum(0))
-    towards /= length
-    arriving = np.maximum((towards * normals).sum(0), 0) * instrument.laser.reach_mm / length
+    to_source = source[:, None] - points
+    length = np.sqrt((to_source**2).sum(0))
+    to_source /= length
+    arriving = np.maximum((to_source * normals).sum(0), 0) * instrument.laser.reach_mm / length
     for surface in surfaces:
-        arriving[surface.blocks(points, towards)] = 0
+        arriving[surface.blocks(points, to_source)] = 0
     return arriving
 
 
 def _noise(instrument, stage, index, rows, moment):
-    if not moment.causes.on("noise"):
+    if not moment.causes.acts_on("noise"):
         return None
     points = stage.points[:, rows, 0]
     known = {

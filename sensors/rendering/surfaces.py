@@ -45,8 +45,8 @@ class BoardSurface:
             for _ in range(_ROUNDS if self._warped else 0):
                 moved = self._moved(flat - moved[:2])
                 flat, distance = _at_height(local_rays, start, moved[2])
-            inside = self.pattern.inside(*(flat - moved[:2])) & (distance > 0)
-        return np.where(inside, distance, np.nan)
+            is_on_board = self.pattern.contains(*(flat - moved[:2])) & (distance > 0)
+        return np.where(is_on_board, distance, np.nan)
 
     def normals(self, points: np.ndarray) -> np.ndarray:
         """(3, n) unit normal, towards the camera."""
@@ -58,13 +58,13 @@ class BoardSurface:
         flat = (self.rotation.T @ (points - self.pose[:3, None]))[:2]
         return self.pattern.albedo(*self._nominal(flat), width)
 
-    def blocks(self, points: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    def blocks(self, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(n,) bool: nothing hides behind a board in these scenes."""
         return np.zeros(points.shape[1], bool)
 
     @property
     def _warped(self) -> bool:
-        return self.moment.causes.on("target")
+        return self.moment.causes.acts_on("target")
 
     def _share(self, flat):
         return (flat - self.pattern.middle[:, None]) / self.pattern.half_diagonal
@@ -81,10 +81,10 @@ class BoardSurface:
         """Nominal place of true places (2, n): the displacement is that of the place sought."""
         sought = flat
         for _ in range(2 if self._warped else 0):
-            aside = self._moved(sought)[:2]
-            if not aside.any():
+            displacement = self._moved(sought)[:2]
+            if not displacement.any():
                 break
-            sought = flat - aside
+            sought = flat - displacement
         return sought
 
 
@@ -101,12 +101,14 @@ class Gloss:
     share: float = 0.0
     exponent: float = 50.0
 
-    def reflected(self, towards: np.ndarray, back: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """(n,) of light that comes from unit directions `towards` (3, n) and leaves along `back` (3, n).
+    def reflected(
+        self, to_source: np.ndarray, to_camera: np.ndarray, normals: np.ndarray
+    ) -> np.ndarray:
+        """(n,) of light that comes from unit directions `to_source` (3, n) and leaves along `to_camera` (3, n).
 
         Blinn, SIGGRAPH 1977: the cosine between the normal and the half vector, to a power.
         """
-        half = towards + back
+        half = to_source + to_camera
         half /= np.maximum(np.linalg.norm(half, axis=0), 1e-300)
         return self.share * np.maximum((half * normals).sum(0), 0) ** self.exponent
 
@@ -126,8 +128,8 @@ class BallSurface:
 
     def meet(self, rays: np.ndarray) -> np.ndarray:
         """(n,) mm along unit rays (3, n) from the camera."""
-        near, _ = self._cut(np.zeros((3, 1)), rays)
-        return np.where(near > 0, near, np.nan)
+        entry, _ = self._cut(np.zeros((3, 1)), rays)
+        return np.where(entry > 0, entry, np.nan)
 
     def normals(self, points: np.ndarray) -> np.ndarray:
         """(3, n) outward unit normals."""
@@ -137,10 +139,10 @@ class BallSurface:
     def albedo(self, points: np.ndarray, width: np.ndarray | float) -> np.ndarray:
         return np.full(points.shape[1], self.white)
 
-    def blocks(self, points: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    def blocks(self, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(n,) bool: the ball stands between points (3, n) and the way along unit vectors (3, n)."""
         with np.errstate(invalid="ignore"):
-            return self._cut(points, towards)[1] > _CLEAR
+            return self._cut(points, direction)[1] > _CLEAR
 
     def _cut(self, start, rays):
         """(n,) distances to where rays enter and leave; nan where they miss.
@@ -149,11 +151,11 @@ class BallSurface:
         (Haines et al., Ray Tracing Gems (2019), ch. 7).
         """
         gap = self.centre[:, None] - start
-        along = (gap * rays).sum(0)
-        aside = gap - rays * along
+        axial = (gap * rays).sum(0)
+        perpendicular = gap - rays * axial
         with np.errstate(invalid="ignore"):
-            half = np.sqrt(self.radius**2 - (aside**2).sum(0))
-        return along - half, along + half
+            half = np.sqrt(self.radius**2 - (perpendicular**2).sum(0))
+        return axial - half, axial + half
 
 
 @dataclass(frozen=True)
@@ -199,14 +201,18 @@ class MeshSurface:
     def albedo(self, points: np.ndarray, width: np.ndarray | float) -> np.ndarray:
         return np.full(points.shape[1], self.white)
 
-    def blocks(self, points: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    def blocks(self, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(n,) bool: some triangle stands between points (3, n) and the way along unit vectors (3, n)."""
-        return self._cast(points + 10 * _CLEAR * towards, towards) >= 0
+        return self._cast(points + 10 * _CLEAR * direction, direction) >= 0
 
     def _cast(self, start, rays):
         """(n,) number of the first triangle, -1 where there is none."""
-        both = np.concatenate([np.broadcast_to(start, rays.shape), rays]).T.astype(np.float32)
-        found = self._scene.cast_rays(np.nan_to_num(both))["primitive_ids"].numpy().astype(np.int64)
+        ray_table = np.concatenate([np.broadcast_to(start, rays.shape), rays]).T.astype(np.float32)
+        found = (
+            self._scene.cast_rays(np.nan_to_num(ray_table))["primitive_ids"]
+            .numpy()
+            .astype(np.int64)
+        )
         return np.where(found == self._scene.INVALID_ID, -1, found)
 
 
@@ -227,5 +233,5 @@ def true_balls(
         moment.state(camera, n, normals=normals, target=centres, ball=np.arange(1, n + 1))
         for normals in (side, -side)
     ]
-    front, back = (moment.causes.delta("target", state) for state in states)
-    return centres + (front + back) / 2, radii + (front - back)[2] / 2
+    near_side, far_side = (moment.causes.delta("target", state) for state in states)
+    return centres + (near_side + far_side) / 2, radii + (near_side - far_side)[2] / 2

@@ -29,7 +29,7 @@ class Cloud:
     image: np.ndarray
     motion: Motion | None = None
 
-    def some(self, chosen: np.ndarray) -> "Cloud":
+    def subset(self, chosen: np.ndarray) -> "Cloud":
         """The same of the chosen points."""
         parts = {name: getattr(self, name)[..., chosen] for name in ("local", "pixels")}
         return replace(self, **parts, steps=self.steps[chosen], image=self.image[chosen])
@@ -98,7 +98,7 @@ class Cloud:
         """
         if self.motion is None:
             return np.zeros((3, 3))
-        on = self.some(used)
+        on = self.subset(used)
         outward = on.points - centre[:, None]
         outward = outward / np.linalg.norm(outward, axis=0)
         return on.motion.centre_covariance(on.scanner, on.local, on._seen, outward)
@@ -107,7 +107,7 @@ class Cloud:
         """mm^2, variance of a fitted radius from the same errors; zero where neither sensor nor object moves."""
         if self.motion is None:
             return 0.0
-        on = self.some(fit.inliers)
+        on = self.subset(fit.inliers)
         outward = on.points - fit.centre[:, None]
         outward = outward / np.linalg.norm(outward, axis=0)
         return on.motion.radius_variance(on.scanner, on.local, on._seen, outward)
@@ -167,7 +167,7 @@ class Cloud:
         parts = []
         for image, rows in zip(images, np.split(order, first[1:])):
             centre = self.motion.local(ball[:3], image)
-            parts.append(self.some(rows)._bend_at(centre, ball[3], light))
+            parts.append(self.subset(rows)._bend_at(centre, ball[3], light))
         back = np.argsort(order)
         names = [field.name for field in fields(SurfaceLine)]
         return SurfaceLine(

@@ -187,7 +187,7 @@ class Seen:
     steps: np.ndarray
     image: np.ndarray
 
-    def some(self, chosen: np.ndarray) -> "Seen":
+    def subset(self, chosen: np.ndarray) -> "Seen":
         """The same of the chosen points."""
         return Seen(self.pixels[:, chosen], self.steps[chosen], self.image[chosen])
 

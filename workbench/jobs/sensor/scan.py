@@ -207,7 +207,7 @@ class _Work:
         local, surface = reconstructed(self.scanner, pixels, steps, covariates, self.radii)
         seen = np.isfinite(local).all(0)
         motion = self.motions.of(known)
-        cloud = Cloud(self.scanner, local, pixels, steps, image, motion).some(seen)
+        cloud = Cloud(self.scanner, local, pixels, steps, image, motion).subset(seen)
         points = cloud.points
         file = f"{CLOUDS}/{file_name(name, name in self.same_but_case)}.ply"
         write_cloud(self.folder / file, points)
@@ -316,7 +316,7 @@ class _Work:
         refused: list[Refusal] = []
         options = dict(stripe=cloud.stripe, refused=refused, incidence=trimmed, view=cloud.view)
         if self.scanner.line is not None and cloud.motion is None:
-            options["widths"] = lambda place, balls: cloud.some(place).width_ratios(
+            options["widths"] = lambda place, balls: cloud.subset(place).width_ratios(
                 shape[0, place], balls
             )
         found = (
@@ -332,7 +332,9 @@ class _Work:
             columns_of_ball = {key: value[..., on_ball] for key, value in columns.items()} | {
                 "incidence": limit
             }
-            ball = self._ball(cloud.some(on_ball), columns_of_ball, free, number, shape[:, on_ball])
+            ball = self._ball(
+                cloud.subset(on_ball), columns_of_ball, free, number, shape[:, on_ball]
+            )
             if why := _undetermined(ball.fit, cloud.stripe[on_ball]):
                 count = int(ball.fit.inliers.sum())
                 refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
