@@ -21,7 +21,7 @@ def stripes(seed=3, poses=8, steps=10, points=50):
     board = (np.stack([60.0 * step, along]) - shift) / 300
     chain = SimpleNamespace(
         pixels=pixels,
-        along=along,
+        stripe_place=along,
         labels={"step": step, "placement": placement},
         state=SimpleNamespace(board=board, target=150 * np.vstack([board, np.zeros(n)])),
     )
