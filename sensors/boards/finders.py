@@ -275,8 +275,8 @@ def _two(board: "Board") -> str:
 
 def _circles(image: np.ndarray, board: "Board") -> Found:
     asymmetric = board.kind == "asymmetric-circles"
-    discs_by_polarity = [circles.candidates(image, light) for light in (False, True)]
-    for discs in sorted(discs_by_polarity, key=lambda d: abs(d.shape[1] - board.count)):
+    disc_sets = [circles.candidates(image, light) for light in (False, True)]
+    for discs in sorted(disc_sets, key=lambda d: abs(d.shape[1] - board.count)):
         chosen = circles.grid_among(discs, board.columns, board.rows, asymmetric)
         if chosen is None:
             continue
@@ -293,7 +293,7 @@ def _circles(image: np.ndarray, board: "Board") -> Found:
         ):
             return Found(why=_two(board))
         return Found(np.arange(board.count), discs_in_order[:2], discs=discs_in_order)
-    return _another_grid(discs_by_polarity, board, image.shape)
+    return _another_grid(disc_sets, board, image.shape)
 
 
 def _circle_order(pixels: np.ndarray, board: "Board") -> np.ndarray:
@@ -329,23 +329,21 @@ def _larger_grid(discs: np.ndarray, grid: np.ndarray, asymmetric: bool) -> tuple
     return size[0], size[1]
 
 
-def _another_grid(
-    discs_by_polarity: list[np.ndarray], board: "Board", shape: tuple[int, int]
-) -> Found:
+def _another_grid(disc_sets: list[np.ndarray], board: "Board", shape: tuple[int, int]) -> Found:
     """Find another grid of circles: sizes around the expected one, the largest first."""
     wide = board.columns
     high = board.rows
     asymmetric = board.kind == "asymmetric-circles"
-    neighbouring_sizes = {
+    near_sizes = {
         (a, b)
         for a in range(max(3, wide // 2), wide + 2)
         for b in range(max(3, high // 2), high + 2)
     }
-    sizes = [(*s, asymmetric) for s in (neighbouring_sizes | {(high, wide)}) - {(wide, high)}] + [
+    sizes = [(*s, asymmetric) for s in (near_sizes | {(high, wide)}) - {(wide, high)}] + [
         (wide, high, not asymmetric)
     ]
     for columns, rows, kind in sorted(sizes, key=lambda s: -s[0] * s[1]):
-        for discs in discs_by_polarity:
+        for discs in disc_sets:
             chosen = circles.grid_among(discs, columns, rows, kind)
             if chosen is None:
                 continue
@@ -359,10 +357,8 @@ def _another_grid(
             return Found(
                 why=_other(board, (columns, rows), cut), size=None if cut else (columns, rows)
             )
-    most_discs = max(d.shape[1] for d in discs_by_polarity)
-    return Found(
-        why=f"no grid of circles found: {most_discs} discs of one size, {board.count} expected"
-    )
+    count = max(d.shape[1] for d in disc_sets)
+    return Found(why=f"no grid of circles found: {count} discs of one size, {board.count} expected")
 
 
 # ChArUco
@@ -386,11 +382,9 @@ def _another_charuco(image: np.ndarray, board: "Board", corners: int, markers: n
     wide = board.columns
     high = board.rows
     best = (max(5, 1.3 * corners), 0, None)
-    neighbouring_boards = {
-        (wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)
-    }
+    near_boards = {(wide + a, high + b, board.legacy) for a in (-1, 0, 1) for b in (-1, 0, 1)}
     for columns, rows, legacy in {
-        *neighbouring_boards,
+        *near_boards,
         (high, wide, board.legacy),
         (wide, high, not board.legacy),
     }:
