@@ -22,7 +22,9 @@ from workbench.diagnosis.noise.random_effects import (
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import _data_findings_with_functions
 from workbench.diagnosis.search.stepwise import LAW
+from workbench.explanation.answer import diagnose
 from workbench.explanation.noise.noise_terms import noise_terms
+from workbench.explanation.result import UNEXPLAINED
 
 
 def _site(rng, n: int, turn: float):
@@ -152,3 +154,33 @@ def test_terms_that_follow_every_pose_do_not_make_repeats_independent():
             replace(problem, basis=basis, residual=residual, pose=pose)
         )
         assert degrees / (y @ y) == pytest.approx(1 / variance_of_means, rel=0.35)
+
+
+class Occasional(CATALOGUE["joint-coupling"]):
+    """One sample in seven was measured before the joint came to rest."""
+
+    def basis(self, state):
+        rng = np.random.default_rng(2)
+        return (rng.exponential(size=(1, 1, state.n)) * (rng.random(state.n) < 1 / 7)) * np.sign(
+            rng.normal(size=state.n)
+        )
+
+
+def test_a_joint_that_moves_in_some_samples_is_distinguishable_from_heavy_tails():
+    """It was called heavy-tailed noise: most samples have only noise, in any direction."""
+    settling = recorded(21, [Occasional("joint-2", joint=4)], [4e-4], n=160)
+    found = find_random_effect(bench_of(settling).problem().conditional_on(), 1e-4)
+    assert found is not None and found.site.where == "joint-2"
+    plain, rng = bench_of(recorded(21, n=120)).problem().conditional_on(), np.random.default_rng(6)
+    for _ in range(12):
+        noise = np.diag([2.0, 1.0, 1.0]) @ rng.standard_t(2, (3, 120))
+        noisy = replace(plain, residual=plain.orthogonalise(noise.ravel()), weights=np.ones(120))
+        assert find_random_effect(noisy, 1e-3) is None
+
+
+def test_a_joint_that_moves_in_some_samples_is_no_noise():
+    made = diagnose(recorded(21, [Occasional("joint-2", joint=4)], [4e-4], n=160))
+    assert [(t.finding.effect, t.finding.where) for t in made.terms if t.kept] == [
+        ("unknown", "joint-2")
+    ]
+    assert made.verdict == UNEXPLAINED

@@ -17,6 +17,7 @@ from workbench.core.least_squares.linear_algebra import inverse_positive, symmet
 from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
 from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem
+from workbench.diagnosis.noise.outliers import FULL_WEIGHT, lengths
 from workbench.diagnosis.noise.rounded_readings import PLACE as ROUNDING_PLACE
 from workbench.diagnosis.noise.rounded_readings import rounding_site
 
@@ -72,8 +73,9 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     causes). It is standard normal where the directions of the residuals are random: score tests of variance
     components, Lin, Biometrika 84 (1997) 309. The score is blind where a place moves all samples in nearly the same
     direction, as the last joint moves what a sensor sees. The likelihood of the directions under the random effect is
-    therefore compared with that of noise of one constant shape, too. Of the places with about the same significance
-    the one with the highest likelihood is taken.
+    therefore compared with that of noise of one constant shape, too: with a random effect in all samples, and with one
+    in those that lie far off alone. Of the places with about the same significance the one with the highest likelihood
+    is taken.
     """
     m = len(problem.residual) // problem.n
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
@@ -88,13 +90,18 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     share = 1.0 / np.bincount(pose)[pose]
     scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
     gains = np.array([_direction_likelihood(site, z, share) for site in sites])
-    gains -= _constant_shape_likelihood(z, share)
+    occasional = np.array([_occasional_likelihood(site, residual, share) for site in sites])
+    of_noise = _constant_shape_likelihood(z, share)
+    gains, occasional = gains - of_noise, occasional - of_noise
     by_score = float(norm.sf(scores.max()))
     by_direction = _TRIED * float(np.exp(-max(gains.max(), 0.0)))
-    p = 2 * len(sites) * min(by_score, by_direction)
+    by_some = float(np.exp(-max(occasional.max(), 0.0)))
+    p = 3 * len(sites) * min(by_score, by_direction, by_some)
     if p > level:
         return None
     is_significant = (scores > MAJORITY * scores.max()) | (gains > max(MAJORITY * gains.max(), 0.0))
+    if by_some < min(by_score, by_direction):
+        is_significant = occasional == occasional.max()
     site, (log, ratio, noise) = _most_probable_site(sites, is_significant, z)
     spread = ratio * noise
     kurtosis, error = _shape(site, residual)
@@ -225,6 +232,26 @@ def _direction_likelihood(site, z, share) -> float:
     length = np.maximum((squares / widths).sum(1), 1e-300)
     logs = np.log(widths).sum(1) + len(z) * np.log(length)
     return float((-0.5 * logs @ share).max())
+
+
+def _occasional_likelihood(site, residual, share) -> float:
+    """As `_direction_likelihood`, of residuals (m, n) of which only some contain what a site does by chance.
+
+    A sample that lies farther off than noise is as likely one of them as not, and then far off along what the site does
+    there, by its own length; the others have any direction. Which samples lie far off says nothing of their directions,
+    so that the likelihood of these alone is compared.
+    """
+    m = len(residual)
+    length = lengths(residual)
+    far = np.flatnonzero(length > FULL_WEIGHT)
+    d = _directions(site, m)[:, :, far]
+    covariance = np.einsum("kan,kbn->nab", d, d)
+    covariance /= np.maximum(np.einsum("naa->n", covariance), 1e-300)[:, None, None]
+    values, vectors = symmetric_eigen(covariance)
+    widths = 1 + np.maximum(values, 0.0) * np.maximum(length[far] ** 2 - m, 0.0)[:, None]
+    squares = np.einsum("nab,an->nb", vectors, _unit(residual[:, far])) ** 2
+    moved = -0.5 * (np.log(widths).sum(1) + m * np.log((squares / widths).sum(1)))
+    return float(share[far] @ np.logaddexp(np.log(0.5), np.log(0.5) + moved))
 
 
 def _constant_shape_likelihood(z, share) -> float:
