@@ -14,7 +14,7 @@ from robot_model.effects.instrument import sight_lines
 from robot_model.effects.unknown_masses import bar_moments, base_columns
 from robot_model.load_mass import load_masses
 from robot_model.stiffness import MASSES, PRODUCT, stiffness_rows
-from scenes import ABB, CRAIG, model_of, scene
+from scenes import ABB, CRAIG, SLIDING, SLIDING_CRAIG, model_of, scene
 from workbench.core.covariates import MotionHistory
 from workbench.core.effect import numeric_derivative
 from workbench.core.model import Model
@@ -273,3 +273,31 @@ def test_stiffness_is_stated_only_where_masses_are_known():
     known, product = stiffness_rows(model, parameters, std)
     assert known.known_from == MASSES and known.stiffness == pytest.approx(5e4)
     assert product.known_from == PRODUCT and product.stiffness is None and product.unit == "rad"
+
+
+@pytest.mark.parametrize("arm", [SLIDING, SLIDING_CRAIG], ids=["standard", "modified"])
+def test_base_moments_and_carried_masses_make_the_moments_of_an_arm_with_slides(arm):
+    """What a slide carries loads the base and the joints before it by its mass times a lever that changes."""
+    state = state_of(arm, n=80)
+    state = replace(state, payload=np.zeros(state.n))
+    laws = [("gravity-compliance", f"joint-{k}", state.self_torque[k - 1]) for k in (1, 3, 5)]
+    for name, where, torque in laws:
+        columns = CATALOGUE[name](where).basis(state)[1:, 0].T
+        left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
+        assert np.abs(left).max() <= 1e-7 * max(np.abs(torque).max(), 1.0)
+    pairs = [
+        ("gravity-pedestal-compliance", "base", "pedestal-compliance"),
+        ("gravity-bearing-compliance", "joint-1", "bearing-compliance"),
+        ("gravity-link-compliance", "link-1", "link-compliance"),
+    ]
+    for gravity, where, stated in pairs:
+        law = CATALOGUE[gravity](where)
+        twist = CATALOGUE[stated](where).basis(state).sum(0)
+        columns = law.basis(state)[1:].reshape(-1, twist.size).T
+        # about another fixed point the moment differs by a constant, which the base follows
+        constant = np.kron(np.eye(len(twist)), np.ones((state.n, 1)))
+        columns = np.hstack([columns, constant]) if where == "base" else columns
+        left = twist.ravel() - columns @ np.linalg.lstsq(columns, twist.ravel(), rcond=None)[0]
+        assert np.abs(left).max() <= 1e-6 * np.abs(twist).max()
+        chain = model_of(scene("external-point", n=20, arm=arm, seed=4)).chain
+        assert any(row.key.endswith("_mass") for row in law.table(chain))

@@ -4,6 +4,10 @@ The gravity torque at a joint is linear in the first moments of the bodies beyon
 combinations: Khalil & Dombre, Modeling, Identification and Control of Robots (2002), ch. 9. Compliance times first
 moment times g is an angle: the deflection where the moment is horizontal. Only this product is identifiable without a
 known load. What is expected before measuring follows from the lengths: each link a uniform bar between its joint axes.
+
+A slide changes the lever of all that it carries. The moment is then linear in the carried masses, too: mass times the
+lever of the frame behind the slide. The lengths between revolute joints are constant, so that such masses are no
+further unknowns there: they are grouped with the first moments.
 """
 
 from functools import lru_cache
@@ -50,9 +54,21 @@ def _shares_from(robot: Robot, first: int) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def bar_lengths(robot: Robot) -> np.ndarray:
-    """(J,) mm, lengths of the bars between the joint axes, the last one to the flange."""
-    frames = forward(robot, np.zeros((robot.joints, 1)), links=True)
+    """(J,) mm, lengths of the bars between the joint axes, the last one to the flange; slides in the middle."""
+    frames = forward(robot, _middle(robot)[:, None], links=True)
     return np.linalg.norm(_bars(frames), axis=1)[:, 0]
+
+
+def _middle(robot: Robot) -> np.ndarray:
+    """(J,) joint variables: of slides in the middle of their limits, where these are known, else 0."""
+    readings = np.nan_to_num(robot.limits.mean(1))
+    return np.where(robot.prismatic, robot.mixing @ readings, 0.0)
+
+
+@lru_cache(maxsize=64)
+def _reach(robot: Robot) -> float:
+    """Length (mm) of the stretched arm, the unit of the levers of carried masses."""
+    return max(float(bar_lengths(robot).sum()), 1.0)
 
 
 def _bars(frames) -> np.ndarray:
@@ -64,7 +80,8 @@ def _bars(frames) -> np.ndarray:
 def bar_moments(state, first: int) -> tuple[np.ndarray, np.ndarray]:
     """Unit moments of the bars of links `first` ... J (from 0) under gravity, root frame (B, 3, n), and shares (B,).
 
-    Links without a length between their axes are left out. The shares add up to 1.
+    Links without a length between their axes are left out. The shares add up to 1. A bar that a slide lengthens has
+    the moment 1 in the middle of the slide.
     """
     return _moments_of_bars(state, _shares_from(state.robot, first))
 
@@ -75,7 +92,10 @@ def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     used = shares > _NO_BAR_MM
     if not used.any():
         return np.zeros((0, 3, state.n)), np.zeros(0)
-    directions = bars[used] / np.linalg.norm(bars[used], axis=1, keepdims=True)
+    lengths = np.linalg.norm(bars[used], axis=1, keepdims=True)
+    if state.robot.prismatic.any():
+        lengths = bar_lengths(state.robot)[used, None, None]
+    directions = bars[used] / lengths
     gravity = np.broadcast_to(state.gravity[:, None], directions.shape)
     return cross(directions, gravity), shares[used] / shares[used].sum()
 
@@ -84,20 +104,26 @@ def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 def base_columns(robot: Robot, first: int, with_all: bool = False) -> tuple[tuple[int, int], ...]:
     """(body, axis) of a minimal set of first moments in a torque, all from 0: bodies `first` ... J - 1.
 
+    Axis 3 is the mass that a slide carries, see `_unit_moment`.
+
     Of the torque on the drive of joint `first`, or of the `with_all` moment vector there. Numerically, by QR of the
     regressor at random configurations: Gautier, J. Robotic Systems 8 (1991) 485. Bodies closer to the joint come
     first, so that the others are grouped with them.
     """
     rng = np.random.default_rng(0)
     variables = rng.uniform(-np.pi, np.pi, (robot.joints, _CONFIGURATIONS))
+    variables[robot.prismatic] *= _reach(robot)
     frames = forward(robot, variables, links=True)
     if with_all or robot.coupling is None:
         start = first
     else:
         start = np.flatnonzero(robot.coupling[:, first])[0]
-    names = [(body, axis) for body in range(start, robot.joints) for axis in range(3)]
+    axes = range(4 if robot.prismatic.any() else 3)
+    names = [(body, axis) for body in range(start, robot.joints) for axis in axes]
     if with_all:
-        columns = [_unit_moment(frames, robot.gravity, *name).ravel() for name in names]
+        columns = [
+            _unit_moment(robot, frames, robot.gravity, first, *name).ravel() for name in names
+        ]
     else:
         columns = [_unit_torque(robot, frames, robot.gravity, first, *name) for name in names]
     independent = []
@@ -113,11 +139,15 @@ def base_columns(robot: Robot, first: int, with_all: bool = False) -> tuple[tupl
 
 def _unit_torque(robot: Robot, frames, gravity, joint: int, body: int, axis: int) -> np.ndarray:
     """(n,) torque on the drive of a joint of a unit first moment along an axis of a body, per unit of gravity."""
-    moment = _unit_moment(frames, gravity, body, axis)
     if robot.coupling is None:
+        moment = _unit_moment(robot, frames, gravity, joint, body, axis)
         return (frames.z[joint] * moment).sum(0)
-    turned = robot.coupling[: body + 1, joint]  # by this drive, of the joints before the body
-    return np.einsum("j,jin,in->n", turned, frames.z[: body + 1], moment)
+    torque = np.zeros(frames.z.shape[-1])
+    for other in range(body + 1):  # turned by this drive, of the joints before the body
+        if robot.coupling[other, joint] and not robot.prismatic[other]:
+            moment = _unit_moment(robot, frames, gravity, other, body, axis)
+            torque += robot.coupling[other, joint] * (frames.z[other] * moment).sum(0)
+    return torque
 
 
 def bar_torque(state, joint: int) -> np.ndarray:
@@ -138,10 +168,23 @@ def _bar_torque_about(state, joint: int) -> np.ndarray:
     return np.einsum("b,bin,in->n", shares, moments, state.frames.z[joint])
 
 
-def _unit_moment(frames, gravity, body: int, axis: int) -> np.ndarray:
-    """(3, n) moment of a unit first moment along an axis of a body, per unit of gravity, root frame."""
-    direction = frames.link[body + 1][axis]
+def _unit_moment(robot: Robot, frames, gravity, first: int, body: int, axis: int) -> np.ndarray:
+    """(3, n) moment of a unit first moment along an axis of a body, per unit of gravity, root frame.
+
+    Axis 3: of a unit mass times the arm's length, at the origin of the frame after the body's joint, about a point on
+    the axis of joint `first` (from 0).
+    """
+    direction = frames.link[body + 1][axis] if axis < 3 else None
+    if direction is None:
+        direction = (frames.origin[body] - frames.z_origin[first]) / _reach(robot)
     return cross(direction, np.broadcast_to(gravity[:, None], direction.shape))
+
+
+def _name_of_moment(body: int, axis: int) -> tuple[str, str]:
+    """Name and description of a first moment, or of a mass that a slide carries."""
+    if axis == 3:
+        return f"link{body + 1}_mass", f"mass at link {body + 1}"
+    return f"link{body + 1}_{'xyz'[axis]}", f"first moment of link {body + 1} along {'xyz'[axis]}"
 
 
 def _of_bars(kind, chain, label: str = "") -> list[Variant]:
@@ -152,7 +195,8 @@ def _of_bars(kind, chain, label: str = "") -> list[Variant]:
     for place in kind.places:
         for effect in map(kind, chain.places(place)):
             numbered = place in ("joint", "link")
-            if numbered and (chain.slides(effect.number) or effect.first() >= chain.robot.joints):
+            turns_no_slide = kind.port == "joint" and numbered and chain.slides(effect.number)
+            if turns_no_slide or (numbered and effect.first() >= chain.robot.joints):
                 continue
             if np.ptp(effect.basis(chain.state)[0], axis=-1).max() > _UNDER_BARS:
                 found.append(Variant(effect, label))
@@ -163,8 +207,8 @@ class GravityCompliance(Effect):
     """Joint K deflects under the weight of the links, whose masses are not stated.
 
     `sag` is the deflection for uniform bars, at the greatest moment that they can have about the joint; the other
-    parameters are compliance times further first moments of the base set. None of them is a stiffness: the compliance
-    in rad/(N m) follows only with a known load (`joint-compliance`).
+    parameters are compliance times further first moments of the base set, and times masses that slides carry. None of
+    them is a stiffness: the compliance in rad/(N m) follows only with a known load (`joint-compliance`).
     """
 
     effect = "gravity-compliance"
@@ -206,8 +250,7 @@ class GravityCompliance(Effect):
         total_length = max(shares[self.number - 1 :].sum(), _NO_BAR_MM)
         for body, axis in base_columns(chain.robot, self.number - 1):
             share = max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
-            moment_label = f"first moment of link {body + 1} along {'xyz'[axis]}"
-            name = f"link{body + 1}_{'xyz'[axis]}"
+            name, moment_label = _name_of_moment(body, axis)
             size = TYPICAL_RAD * share
             table.append(self.parameter(name, "rad", size, f"{label}, {moment_label}", 10 * size))
         return tuple(table)
@@ -251,9 +294,10 @@ def _tilt_table(effect: Effect, chain, subject: str) -> tuple[Parameter, ...]:
     table = [effect.parameter("tilt", "rad", _TILT_RAD, label, 10 * _TILT_RAD)]
     for body, axis in base_columns(chain.robot, effect.first(), with_all=True):
         size = _TILT_RAD * max(_OFF_THE_BAR * shares[body] / total_length, _LEAST_SHARE)
-        label_of_moment = f"{label}, first moment of link {body + 1} along {'xyz'[axis]}"
-        name = f"tilt_link{body + 1}_{'xyz'[axis]}"
-        table.append(effect.parameter(name, "rad", size, label_of_moment, 10 * size))
+        name, moment_label = _name_of_moment(body, axis)
+        table.append(
+            effect.parameter(f"tilt_{name}", "rad", size, f"{label}, {moment_label}", 10 * size)
+        )
     return tuple(table)
 
 
@@ -267,10 +311,10 @@ def _tilt_moments(state, law: Effect) -> np.ndarray:
     """(P, 3, n) unit moments, root frame: of all bars with their shares, then of each first moment of the base set."""
     unit_moments, shares = _moments_of_bars(state, law.shares(state.robot))
     total_moment = np.einsum("b,bin->in", shares, unit_moments)
+    first = min(law.first(), state.robot.joints - 1)
     names = base_columns(state.robot, law.first(), with_all=True)
-    return np.stack(
-        [total_moment, *(_unit_moment(state.frames, state.gravity, *name) for name in names)]
-    )
+    columns = (_unit_moment(state.robot, state.frames, state.gravity, first, *n) for n in names)
+    return np.stack([total_moment, *columns])
 
 
 def _in_frame(state, place: int, world: np.ndarray) -> np.ndarray:
