@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,14 @@ from test_ball_surface import surface
 from workbench.commands import cli
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
+from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.robot.ball_scans import scans_of
 from workbench.diagnosis.robot.bench import bench_of
+from workbench.diagnosis.robot.scan_weights import _likeliest_ratio, _Residual
 from workbench.diagnosis.search.select import find
 from workbench.explanation.answer import diagnose
 from workbench.explanation.scan_search import find_in_weighed_scans
+from workbench.explanation.unexplained import is_structure_located
 
 
 def test_points_of_one_pose_are_simultaneous():
@@ -190,3 +194,62 @@ def test_neither_an_effect_nor_a_wild_scan_counts_as_errors_of_poses():
     assert np.allclose(bench.chain.measurement.root, bench.roots_of_points, atol=0.05)
     without = bench.weighed_next_to(())
     assert np.abs(without.chain.measurement.root - bench.roots_of_points).max() > 0.2
+
+
+def test_the_ratio_of_pose_errors_counts_what_the_parameters_absorb():
+    """Of 18 scans 31 parameters leave 23 numbers: the plain likelihood takes most of the pose errors for none."""
+    rng = np.random.default_rng(0)
+    values = np.tile([0.0, 0.3, 1.0], (18, 1))
+    weights, true = np.ones(18), 30.0
+    found = []
+    for _ in range(60):
+        columns = rng.normal(size=(18, 3, 31))
+        along = np.sqrt(1 + true * values) * rng.normal(size=values.shape)
+        along = along + columns @ rng.normal(size=31)
+        found.append(_likeliest_ratio(_Residual(values, along, columns, weights)))
+    assert 10.0 < np.median(found) < 90.0
+    assert np.mean(np.array(found) == 0.0) < 0.35
+
+
+def test_few_scans_without_pose_errors_keep_the_weights_of_their_points():
+    rng = np.random.default_rng(1)
+    values = np.tile([0.0, 0.3, 1.0], (18, 1))
+    found = []
+    for _ in range(60):
+        columns, along = rng.normal(size=(18, 3, 31)), rng.normal(size=values.shape)
+        found.append(_likeliest_ratio(_Residual(values, along, columns, np.ones(18))))
+    assert np.mean(np.array(found) == 0.0) > 0.8
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_few_profiles_of_an_arm_that_repeats_badly_show_no_effect(seed):
+    rng = np.random.default_rng(seed)
+    recording = profile_recording(18, 45, seed, 0.01, lambda q: 1.5e-5 * rng.normal(size=q.shape))
+    assert diagnose(recording).verdict == "consistent"
+
+
+def test_an_unknown_effect_in_few_profiles_is_unexplained():
+    """The power of the tests that keep false alarms out of 18 poses."""
+
+    def corner(joints):
+        out = np.zeros_like(joints)
+        out[:, 2] = 1e-3 * np.abs(joints[:, 1] - joints[:, 1].mean())
+        return out
+
+    diagnosis = diagnose(profile_recording(18, 60, 21, 0.02, corner))
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.terms[0].finding.where == "joint-3"
+
+
+def test_a_law_without_support_of_held_out_poses_needs_a_smaller_p_value():
+    arm = SimpleNamespace(chain=object())
+
+    def is_located(p_first, t, located=()):
+        found = SimpleNamespace(p_first=p_first, located=located)
+        return is_structure_located(arm, found, (), SimpleNamespace(t=t))
+
+    assert not is_located(4e-4, -1.4)
+    assert is_located(4e-4, 2.5)
+    assert is_located(1e-6, -1.4)
+    smooth = Located("joint-3", "joint", ("q2",), 0.2, 1e-3, 0.1)
+    assert is_located(4e-4, 0.0, (smooth,))

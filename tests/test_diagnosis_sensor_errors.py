@@ -120,13 +120,13 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
     """The best of many candidates has a small p-value by chance: with no place and no gain nothing is unexplained."""
     empty = Located("sensor", "point", ("u",), 0.0, 1.0, 0.0)
     real = Located("sensor", "point", ("u",), 0.2, 1e-6, 0.1)
-    assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), ())
-    assert is_structure_located(bench, SimpleNamespace(located=(empty, real)), ())
+    proved = SimpleNamespace(t=0.0)
+    assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), (), proved)
+    assert is_structure_located(bench, SimpleNamespace(located=(empty, real)), (), proved)
     refused = SimpleNamespace(t_fall=4.0, finding=SimpleNamespace(p_value=1e-5))
-    assert is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,))
-    assert not is_structure_located(
-        bench, SimpleNamespace(located=(empty,)), (replace_t(refused, 0.3),)
-    )
+    assert is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,), proved)
+    refused = replace_t(refused, 0.3)
+    assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,), proved)
     assert verdict_of((), 1e-9, is_placed=False) == "consistent"
     assert verdict_of((), 1e-9, is_placed=True) == "unexplained"
 

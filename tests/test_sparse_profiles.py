@@ -29,3 +29,22 @@ def test_an_arc_of_few_points_stays_whole(points):
 def test_a_noisy_end_is_cut():
     flat, label = arcs(120, np.random.default_rng(5), end_noise=0.3)
     assert np.median(used_share(flat, label)) < 0.95
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_points_at_uneven_distances_with_a_background_keep_their_circle(seed):
+    """The noise comes from neighbours in x: at uneven distances their second difference is mostly slope."""
+    rng = np.random.default_rng(seed)
+    profiles, label = [], []
+    for k in range(6):
+        radius = rng.uniform(8, 20)
+        on_ball = rng.uniform(-0.9, 0.9, rng.integers(25, 40)) * radius
+        background = rng.uniform(1.0, 2.5, 15) * radius
+        x = np.concatenate([on_ball, background])
+        z = np.concatenate([150 - np.sqrt(radius**2 - on_ball**2), 152 + 0.1 * background])
+        profiles.append(np.stack([x, z]) + rng.normal(0, 0.003, (2, len(x))))
+        label += [k] * len(x)
+    names = [f"profile {k}" for k in range(6)]
+    found = find_circles(np.concatenate(profiles, axis=1), np.array(label), names)
+    assert (found.rms < 0.006).all()
+    assert found.used.mean() > 0.6

@@ -49,7 +49,7 @@ def find_circles(
     InputError where a profile holds fewer than ten points on a circle.
     """
     count = len(names)
-    noise = _noise(flat, label, count)
+    noise = _noise(flat, label)
     used = np.concatenate(
         [_consensus(flat[:, label == k], noise, largest, names[k]) for k in range(count)]
     )
@@ -114,18 +114,20 @@ def _gaps(flat, label, centre, radius):
     return np.hypot(*(flat - centre[:, label])) - radius[label]
 
 
-def _noise(flat, label, count):
-    """mm, from second differences of neighbours: the shape is smooth, the noise is not.
+def _noise(flat, label):
+    """mm, from the distances of points from the line through their neighbours: the shape is smooth, the noise is not.
 
-    The median over profiles: a profile full of clutter does not set it.
+    In the order of x, at whatever distances. The median over profiles: a profile full of clutter does not set it.
     """
-    is_same_profile = label[2:] == label[:-2]
-    bend = (flat[1, 2:] - 2 * flat[1, 1:-1] + flat[1, :-2])[is_same_profile] / np.sqrt(6)
-    spreads = [
-        MEDIAN_TO_SIGMA * np.median(np.abs(bend[label[2:][is_same_profile] == k]))
-        for k in range(count)
-        if (label[2:][is_same_profile] == k).any()
-    ]
+    order = np.lexsort((flat[0], label))
+    (x, z), label = flat[:, order], label[order]
+    width = x[2:] - x[:-2]
+    is_same_profile = (label[2:] == label[:-2]) & (width > 0)
+    share = np.divide(x[1:-1] - x[:-2], width, out=np.zeros_like(width), where=is_same_profile)
+    bend = z[1:-1] - (1 - share) * z[:-2] - share * z[2:]
+    bend = (bend / np.sqrt(1 + (1 - share) ** 2 + share**2))[is_same_profile]
+    profile = label[2:][is_same_profile]
+    spreads = [MEDIAN_TO_SIGMA * np.median(np.abs(bend[profile == k])) for k in np.unique(profile)]
     return max(float(np.median(spreads)), 1e-4) if spreads else 1e-4
 
 

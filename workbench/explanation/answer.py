@@ -273,9 +273,8 @@ def _verdict(last: "FinalModel", terms, refused, proved) -> str:
     has_structure = contains_unexplained_structure(
         bench, found, terms, proved, _is_above_noise(last, terms)
     )
-    return verdict_of(
-        terms, found.p_first, has_structure, is_placed=is_structure_located(bench, found, refused)
-    )
+    is_placed = is_structure_located(bench, found, refused, proved)
+    return verdict_of(terms, found.p_first, has_structure, is_placed)
 
 
 def _is_above_noise(last: "FinalModel", terms) -> bool:

@@ -1,6 +1,11 @@
 """Structure of the residual that no retained term explains: tests for it, and the term `unknown` that states it."""
 
-from workbench.diagnosis.levels import NOTABLE_SHARE, UNMODELLED_LEVEL
+from workbench.diagnosis.levels import (
+    CRITICAL_T,
+    NOTABLE_SHARE,
+    RANDOM_EFFECT_LEVEL,
+    UNMODELLED_LEVEL,
+)
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effects import unrecorded
 from workbench.explanation.result import Term, has_unexplained_structure
@@ -30,18 +35,22 @@ def is_remainder_located(bench, found: Found) -> bool:
     return any(located.p_value < _PLACED and located.share > 0 for located in found.remainder)
 
 
-def is_structure_located(bench, found: Found, refused) -> bool:
+def is_structure_located(bench, found: Found, refused, proved) -> bool:
     """Whether some place holds a significant share of the residual, or what was refused is significant.
 
     A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
     the best of many candidates is chance: nothing is there to be explained. A negligible share of the residual that no
     held-out sample confirms needs no explanation: of thousands of points, a thousandth of a pixel is significant.
+
+    An arm in few poses has few degrees of freedom, and its noise is only nearly equal in all coordinates. The p-value
+    of a law that neither a smooth function nor the held-out errors of what the folds found (`Proof.t`) support counts
+    from `RANDOM_EFFECT_LEVEL` on, that of tests whose null hypothesis is only nearly right.
     """
-    if bench.chain is not None:
-        return True
     places = any(
         located.p_value < _PLACED and located.share > NOTABLE_SHARE for located in found.located
     )
+    if bench.chain is not None:
+        return places or proved.t > CRITICAL_T or found.p_first < RANDOM_EFFECT_LEVEL
     gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
     return places or any(term.finding.p_value < _PLACED for term in gained)
 

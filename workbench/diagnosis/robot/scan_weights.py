@@ -2,20 +2,24 @@
 
 The points of a scan determine the ball's place well in some directions and hardly in others; errors of the pose
 displace the ball alike in all of them. With M the displacement's factor of `BallScan`, the residual of a scan has the
-covariance v (I + t M M'), and t is estimated by maximum likelihood from the residuals of a model. An effect that the
-model lacks is in them, too, and makes t too large.
+covariance v (I + t M M'), and t is estimated by restricted maximum likelihood (Patterson & Thompson, Biometrika 58
+(1971) 545) about the fit of a model: few poses leave little more than they are asked for, and a plain likelihood would
+take what the parameters absorb for small errors of the poses. An effect that the model lacks makes t too large.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from datasets.recording import ROOT, Recording
-from workbench.core.least_squares.linear_algebra import symmetric_eigen
+from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
+from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
 
 _RATIOS = np.append(0.0, np.geomspace(1e-2, 1e6, 60))
+_AKAIKE = 2.0
+"""Fall of minus twice the log likelihood that one more parameter has to gain (Akaike's criterion)."""
 
 
 def with_roots(scans: Recording, roots: np.ndarray) -> Recording:
@@ -35,22 +39,46 @@ def roots_next_to(model: Model, parameters: Parameters, roots, weights) -> np.nd
     """
     measurement = replace(model.chain.measurement, root=roots)
     unweighted = Model(replace(model.chain, measurement=measurement), model.effects)
-    residual = unweighted.residual(parameters)
+    residual, rows = unweighted.linearise(parameters)
     factor = measurement.place_factor(measurement.measured[1])
     values, vectors = symmetric_eigen(factor @ factor.swapaxes(1, 2))
     along = np.einsum("nij,in->nj", vectors, residual)
-    ratio = _likeliest_ratio(values, along, weights)
+    steps = parameters.typical[parameters.mask] / np.sqrt(
+        (unweighted.sigma(parameters) ** 2).mean()
+    )
+    columns = np.einsum("nij,pin->njp", vectors, rows) * steps
+    ratio = _likeliest_ratio(_Residual(values, along, columns, weights))
     scale = np.sqrt((1 + ratio * values).mean() / (1 + ratio * values))
     return (vectors * scale[:, None, :]) @ vectors.swapaxes(1, 2) @ roots
 
 
-def _likeliest_ratio(values: np.ndarray, along: np.ndarray, weights: np.ndarray) -> float:
-    """Ratio t of the variances; values, along (n, 3): eigenvalues of M M' and the residual along its eigenvectors.
+@dataclass(frozen=True)
+class _Residual:
+    """`values`, `along` (n, 3): eigenvalues of M M' and the residual along its eigenvectors; `columns` (n, 3, P): its
+    derivative, each by a typical step in sigmas; `weights` (n,): a scan with the weight w counts as w scans."""
 
-    A scan with the weight w counts as w scans.
-    """
-    growth = 1 + _RATIOS[:, None, None] * values
-    count = weights.sum() * values.shape[1]
-    variance = (along**2 / growth).sum(2) @ weights / count
-    cost = np.log(growth).sum(2) @ weights + count * np.log(variance)
-    return float(_RATIOS[np.argmin(cost)])
+    values: np.ndarray
+    along: np.ndarray
+    columns: np.ndarray
+    weights: np.ndarray
+
+
+def _likeliest_ratio(residual: _Residual) -> float:
+    """Ratio t of the variances with the largest restricted likelihood; 0 where t is not worth a parameter."""
+    flat = residual.columns.reshape(-1, residual.columns.shape[-1])
+    left, singular, _ = thin_svd(flat)
+    basis = left[:, singular > OBSERVABLE_SIGMAS]
+    y = residual.along.ravel()
+    weights = np.repeat(residual.weights, residual.values.shape[1])
+    degrees = max(weights.sum() - basis.shape[1], 1.0)
+    cost = []
+    for ratio in _RATIOS:
+        growth = 1 + ratio * residual.values.ravel()
+        information = weights / growth
+        normal = basis.T @ (information[:, None] * basis)
+        score = basis.T @ (information * y)
+        squares = information @ y**2 - score @ np.linalg.solve(normal, score)
+        log_determinants = weights @ np.log(growth) + np.linalg.slogdet(normal)[1]
+        cost.append(log_determinants + degrees * np.log(max(squares, 1e-300)))
+    best = int(np.argmin(cost))
+    return float(_RATIOS[best]) if cost[0] - cost[best] > _AKAIKE else 0.0
