@@ -6,12 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from datasets.recording import Recording
 from mounted_arms import MountedArm
+from robot_model.effects import CATALOGUE
 from robot_model.files.loading import load_robot, whole_keys
 from robot_model.measurements import samples_of
+from robot_model.system import bind
+from workbench.core.model import Model
 from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.fitting.checked_samples import check_samples
-from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility import check, check_plausibility
 from workbench.fitting.plausibility.robot_files import gravity_direction
 from workbench.fitting.plausibility.robot_files.gravity_direction import CAUSE
 from workbench.jobs.robot.calibrate import calibrate
@@ -122,3 +126,58 @@ def test_a_direction_that_the_held_out_poses_have_chosen_is_no_finding(monkeypat
             assert found.held_out_mm < 0.8 * np.sqrt(min(e.mean() for e in errors[1:]))
             assert found.sigma_deg > 0
     assert refused >= 2
+
+
+def _scara(has_masses: bool) -> dict:
+    """All axes are vertical: gravity has no torque about any of them."""
+    rows = [
+        (180.0, 400.0, 0.0, 9.0),
+        (0.0, 250.0, 180.0, 6.0),
+        (60.0, 0.0, 0.0, 1.5),
+        (0, 0, 0, 0.5),
+    ]
+    joints = []
+    for number, (d, a, alpha, mass) in enumerate(rows, 1):
+        joint = {"theta_deg": 0.0, "d_mm": d, "a_mm": a, "alpha_deg": alpha}
+        joint |= {"kind": "prismatic"} if number == 3 else {}
+        joint |= {"mass_kg": mass, "com_mm": [-a / 2, 10.0, 20.0]} if has_masses else {}
+        joints.append(joint)
+    return {"name": "a SCARA", "convention": "standard", "joint": joints}
+
+
+@pytest.mark.parametrize("has_masses", [True, False])
+def test_an_arm_whose_bearings_tilt_is_on_no_wall(has_masses, monkeypatch):
+    """Its joints would deflect under gravity along x or y only, and may imitate what the tilting bearing does."""
+    rng, n = np.random.default_rng(5), 160
+    q = rng.uniform([-2.3, -2.3, 0, -2.5], [2.3, 2.3, 180, 2.5], (n, 4))
+    names = ("q1_deg", "q2_deg", "q3_mm", "q4_deg")
+    columns = {name: x if "mm" in name else np.rad2deg(x) for name, x in zip(names, q.T)}
+    columns |= dict.fromkeys(("x_mm", "y_mm", "z_mm"), np.zeros(n))
+    recording = Recording("external-point", columns, _scara(True), sigma_mm=0.02, name="made")
+    start = np.array([900.0, -1200.0, 300.0, 0.1, -0.2, 0.3, 40.0, -30.0, 90.0])
+    chain = bind(load_robot(recording.robot, "made"), recording, start)
+    model = Model(chain, (CATALOGUE["bearing-compliance"]("joint-1"),))
+    truth = model.parameters.values.copy()
+    truth[6:26] += (rng.uniform(-1, 1, (4, 5)) * [0.001, 0.3, 0.3, 0.001, 0]).ravel()
+    truth[-1] = 9e-5
+    made = model.residual(replace(model.parameters, values=truth))
+    made = chain.measurement.columns(made + rng.normal(0, 0.02, made.shape))
+    recording = replace(recording, columns=columns | made, robot=_scara(has_masses))
+    arguments = []
+    monkeypatch.setattr(check, "find_gravity", lambda *given: arguments.append(given))
+    assert not found_in(recording)
+    ((robot, samples, fit),) = arguments
+    rigid = gravity_direction._deflections(robot, samples, fit).held_out(robot.gravity)
+    tilting = gravity_direction._with_tilting_bearings(robot, samples, fit)
+    assert tilting.mean() == pytest.approx(3 * 0.02**2, rel=0.15)
+    assert tilting.mean() < 0.5 * rigid.mean()
+    # joints that would predict as well under another direction are no evidence of it
+    monkeypatch.setattr(gravity_direction, "_best_direction", lambda deflections: np.eye(3)[0])
+    held_out = gravity_direction._Deflections.held_out
+
+    def imitating(deflections, direction, is_signed=False):
+        own = held_out(deflections, direction, is_signed)
+        return 1.05 * tilting if np.array_equal(direction, np.eye(3)[0]) else own
+
+    monkeypatch.setattr(gravity_direction._Deflections, "held_out", imitating)
+    assert gravity_direction.find_gravity(robot, samples, fit) is None

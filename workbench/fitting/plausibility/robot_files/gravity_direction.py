@@ -12,8 +12,9 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
+from robot_model.effects.elastic import BearingCompliance
 from robot_model.effects.transmission import TransmissionHarmonic
-from robot_model.effects.unknown_masses import bar_torque
+from robot_model.effects.unknown_masses import GravityBearing, bar_torque
 from workbench.core.distributions import signed_rank_sf
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
@@ -117,6 +118,8 @@ def find_gravity(robot, recording, fit: Fit) -> GravityDirection | None:
     rigid = deflections.held_out(np.zeros(3))
     if not (_is_better(errors, stated) and _is_better(errors, rigid)):
         return None
+    if not _is_better(errors, _with_tilting_bearings(robot, recording, fit)):
+        return None
     if _rms(errors) > _TWO_SIGNS * _rms(deflections.held_out(best, is_signed=True)):
         return None  # springs or masses differ from the file: no direction makes all compliances positive
     if _axis_of(best) is not None:
@@ -127,6 +130,15 @@ def find_gravity(robot, recording, fit: Fit) -> GravityDirection | None:
     if not (_is_better(nested, stated) and _is_better(nested, rigid)):
         return None
     return GravityDirection(best, _rms(nested), _rms(stated), _jackknife_deg(best, of_folds))
+
+
+def _with_tilting_bearings(robot, recording, fit: Fit) -> np.ndarray:
+    """(F,) mm^2 of each fold under the stated direction, where bearings deflect, too.
+
+    Where gravity has little torque about the axes, as in a SCARA, it is the bearings that deflect. Joints under another
+    direction may imitate them.
+    """
+    return _deflections(robot, recording, fit, with_bearings=True).held_out(robot.gravity)
 
 
 def _jackknife_deg(direction: np.ndarray, of_folds: list[np.ndarray]) -> float:
@@ -227,13 +239,16 @@ def _with_compliances(form: np.ndarray, direction: np.ndarray, is_signed: bool) 
     return np.concatenate([[1.0], np.outer(direction, compliances).ravel()])
 
 
-def _deflections(robot, recording, fit: Fit) -> _Deflections | None:
-    """The quadratic forms of some rows of a recording; None where no joint can deflect or folds are too few."""
+def _deflections(robot, recording, fit: Fit, with_bearings: bool = False) -> _Deflections | None:
+    """The quadratic forms of some rows of a recording; None where no joint can deflect or folds are too few.
+
+    with_bearings: of K joints and bearings.
+    """
     chosen = recording.select(even_rows(recording, _ROWS))
     model, parameters = model_at(robot, chosen, fit.parameters.values)
     parameters = parameters.only(fit.parameters.mask)
     fold = blocks(chosen.poses, _FOLDS)
-    columns = _columns(model, parameters)
+    columns = _columns(model, parameters, with_bearings)
     if fold.max() + 1 < _FOLDS or not columns.loads.any():
         return None
     others = len(columns.others)
@@ -266,7 +281,7 @@ class _Columns:
     loads: np.ndarray
 
 
-def _columns(model: Model, parameters: Parameters) -> _Columns:
+def _columns(model: Model, parameters: Parameters, with_bearings: bool) -> _Columns:
     chain = model.chain
     harmonics = [
         TransmissionHarmonic(where, **options)
@@ -277,11 +292,25 @@ def _columns(model: Model, parameters: Parameters) -> _Columns:
     of_harmonics = np.arange(len(free)) >= len(parameters)
     free = free.only(np.concatenate([parameters.mask, of_harmonics[len(parameters) :]]))
     residual, others = wider.linearise(free)
-    by_joint = model.evaluate(parameters).rows("joint", np.arange(chain.robot.joints))
+    evaluation = model.evaluate(parameters)
+    by_joint = evaluation.rows("joint", np.arange(chain.robot.joints))
     unit_loads = _unit_loads(chain)
     by_load = np.tile(by_joint, (unit_loads.shape[1] // len(by_joint), 1, 1))
-    loads = np.concatenate([model.joined(by_load * load[:, None]) for load in unit_loads])
-    return _Columns(residual, others, loads)
+    loads = [by_load * load[:, None] for load in unit_loads]
+    if with_bearings:
+        bearings = [_by_bearings(chain, evaluation, axis) for axis in np.eye(3)]
+        loads = [np.concatenate(pair) for pair in zip(loads, bearings)]
+    return _Columns(residual, others, np.concatenate([model.joined(load) for load in loads]))
+
+
+def _by_bearings(chain, evaluation, gravity: np.ndarray) -> np.ndarray:
+    """(B, m, n) derivatives by the tilting compliance of each revolute joint's bearing under a direction of gravity."""
+    kind = BearingCompliance if chain.robot.mass.any() else GravityBearing
+    state = replace(chain.state, gravity=gravity)
+    laws = [kind(f"joint-{k + 1}") for k in np.flatnonzero(~chain.robot.prismatic)]
+    rows = [evaluation.rows(law.port, np.asarray(law.port_indices(chain))) for law in laws]
+    twists = [law.basis(state)[0] for law in laws]
+    return np.stack([np.einsum("kmn,kn->mn", row, twist) for row, twist in zip(rows, twists)])
 
 
 def _unit_loads(chain) -> np.ndarray:
