@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sensors.ball.arcs import Arcs
 from sensors.ball.search import find_balls
-from sensors.ball.single_stripe import centre_sigma, most_probable_ball
+from sensors.ball.single_stripe import centre_sigma, most_probable_ball, undetermined
 from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import scanner_of, scanner_text
@@ -155,3 +156,53 @@ def test_the_file_of_a_scanner_keeps_the_line():
     keys["light"]["line_mm_px"] = [0.0, 0.5]
     with pytest.raises(InputError, match="line_mm_px"):
         scanner_of(keys, "scanner.toml")
+
+
+def test_a_floor_behind_a_ball_does_not_cut_its_arc():
+    """In space the floor lies next to the ball's steep ends; the sensor sees it above and below them."""
+    ball = np.array([12.0, 45.0, 250.0, 20.0])
+    local = stripe(ball, -9.0)[0].local
+    rows = np.arange(60)
+    depth = 285.0
+    above, below = local[1].min() * depth / local[2].max(), local[1].max() * depth / 250.0
+    height = np.r_[above - 12 + 0.2 * rows, below + 0.2 * rows]
+    across = (NORMAL @ local[:, 0] - NORMAL[1] * height - NORMAL[2] * depth) / NORMAL[0]
+    floor = np.stack([across, height, np.full_like(height, depth)])
+    points = np.hstack([floor[:, :60], local, floor[:, 60:]])
+    label = np.zeros(points.shape[1], int)
+    is_ball = (np.arange(len(label)) >= 60) & (np.arange(len(label)) < 60 + local.shape[1])
+    arcs = Arcs(points, label).split(20.0)
+    (on_ball,) = [arc for arc in arcs if is_ball[arc].any()]
+    assert is_ball[on_ball].all() and len(on_ball) == is_ball.sum()
+
+
+def test_shuffled_points_of_a_stripe_are_one_arc():
+    local = stripe(np.array([12.0, -5.0, 250.0, 20.0]), -9.0)[0].local
+    is_wide = np.abs(local[1] - local[1].mean()) < 12  # the ends of a visible half circle turn back
+    local = local[:, is_wide]
+    local = local[:, np.random.default_rng(0).permutation(local.shape[1])]
+    (arc,) = Arcs(local, np.zeros(local.shape[1], int)).split(20.0)
+    assert len(arc) == local.shape[1]
+
+
+@pytest.mark.parametrize("probability, factor", [(0.5, 1.0), (1e-4, 5.0)])
+def test_a_form_counts_for_the_centre_where_chance_does_not_explain_it(probability, factor):
+    ball = np.array([12.0, -5.0, 250.0, 20.0])
+    (found,) = found_in(*stripe(ball, -13.0))
+    form = found.rms * np.sqrt(24 / found.inliers.sum())
+    made = dataclasses.replace(found, form=form, form_probability=probability)
+    plain = centre_sigma(dataclasses.replace(found, form=0.0))
+    assert centre_sigma(made) == pytest.approx(factor * plain)
+    why = undetermined(dataclasses.replace(made, covariance=found.covariance * (0.05 / plain) ** 2))
+    assert ("with the form that its points follow" in why) == (factor > 1)
+
+
+@pytest.mark.parametrize("grain, is_certain", [(1, True), (5, False)])
+def test_widths_of_rows_that_err_together_count_for_fewer(grain, is_certain):
+    """The same two candidates: certain where rows err separately, not where grains of speckle last for five rows."""
+    rng = np.random.default_rng(2)
+    noise = np.repeat(rng.normal(size=60 // grain), grain)
+    noise = 0.05 * noise / noise.std()
+    bend = 0.14 * np.linspace(-1, 1, 60) ** 2
+    choice = most_probable_ball(noise + np.stack([0 * bend, bend]))
+    assert choice.number == 0 and (choice.why == "") == is_certain

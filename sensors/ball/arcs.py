@@ -58,13 +58,29 @@ class Arcs:
         for label in np.unique(self.stripe):
             place = np.flatnonzero(self.stripe == label)
             mine = self.points[:, place]
-            along = np.linalg.svd(mine - mine.mean(1, keepdims=True), full_matrices=False)[0][:, 0]
-            order = np.argsort(along @ mine)
-            gaps = np.linalg.norm(np.diff(mine[:, order], axis=1), axis=0) > _GAP * radius
+            order = _along_stripe(mine)
+            gaps = _steps(mine[:, order]) > _GAP * radius
             parts = np.split(place[order], np.flatnonzero(gaps) + 1)
             arcs += [part for part in parts if len(part) >= _FEWEST]
         arcs.sort(key=lambda part: -len(part))
         return arcs[:_MOST_ARCS]
+
+
+def _along_stripe(points: np.ndarray) -> np.ndarray:
+    """(k,) order of the points (3, k) of one stripe along it: as they are given, or along their main axis.
+
+    The shorter way counts. Scans give points row after row of the image. In space a floor behind a ball lies next to
+    the ball's steep ends, so that an order along an axis mixes both and cuts the ends off.
+    """
+    given = np.arange(points.shape[1])
+    axes = np.linalg.svd(points - points.mean(1, keepdims=True), full_matrices=False)[0]
+    sorted_places = np.argsort(axes[:, 0] @ points)
+    return min(given, sorted_places, key=lambda order: float(_steps(points[:, order]).sum()))
+
+
+def _steps(points: np.ndarray) -> np.ndarray:
+    """(k - 1,) distances between successive points (3, k)."""
+    return np.linalg.norm(np.diff(points, axis=1), axis=0)
 
 
 def centres_of(arc: np.ndarray, radius: float) -> list[np.ndarray]:

@@ -369,6 +369,7 @@ class _Part:
             outcome=_outcome(reason, cap, coverage, cut, shape_warnings),
             step=self.step,
             form=shape.rms,
+            form_probability=shape.probability,
             warnings=shape_warnings,
         )
 

@@ -29,8 +29,8 @@ class BallFit:
     centre that holds the points; `coverage` share of the way round the view (or the cap's middle) that is seen.
     `cut`: points used lie at the field's limit. `step` that a further iteration would make, in sigmas;
     `form` (mm, RMS) of orders two and three that the distances show beyond their noise, nan where the points are too
-    few; `free`, where the radius was known, the same ball with a radius of its own; `warnings` sentences on what the
-    covariance does not hold, in `outcome` too.
+    few, and `form_probability` that noise alone shows as much; `free`, where the radius was known, the same ball with a
+    radius of its own; `warnings` sentences on what the covariance does not hold, in `outcome` too.
     """
 
     centre: np.ndarray
@@ -48,6 +48,7 @@ class BallFit:
     outcome: str
     step: float = np.nan
     form: float = np.nan
+    form_probability: float = 1.0
     warnings: tuple[str, ...] = ()
     free: "BallFit | None" = None
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sensors.ball.result import OUTLIER, BallFit
+from sensors.ball.solve import memory
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 DETERMINED_MM = 0.1
@@ -32,6 +33,7 @@ _BEYOND = 0.5  # outliers, of the points used
 _OFFSET = 0.08  # ln of width^2
 _GRAIN = 5  # rows that a grain of speckle lasts at most: neighbours in it tell the same
 _LEAST_SCATTER = 0.01
+_BY_CHANCE = 0.05  # probability
 _CLIPPED = 4.0  # sigmas beyond which rows count alike
 _ODDS = 2 * np.log(1000)  # difference of chi-square
 _UNLIKE = 9.0 + 2 * np.log(
@@ -50,14 +52,17 @@ class Choice:
 def most_probable_ball(ratios: np.ndarray) -> Choice:
     """The ball that the widths tell, by ratios (m, n) as `Widths` gives them."""
     offset = _medians(ratios)
-    scatter = max(min(_scatter(row, middle) for row, middle in zip(ratios, offset)), _LEAST_SCATTER)
+    scatters = [_scatter(row, middle) for row, middle in zip(ratios, offset)]
+    scatter = max(min(scatters), _LEAST_SCATTER)
     variance = _GRAIN * scatter**2
     deviation = np.clip(ratios - offset[:, None], -_CLIPPED * scatter, _CLIPPED * scatter)
     deviation[np.isnan(deviation)] = _CLIPPED * scatter
-    common = offset**2 / (_OFFSET**2 + variance / ratios.shape[1])
-    square = common + (deviation**2).sum(1) / variance
+    least = int(np.argmin(scatters))
+    independent = _lasting(ratios[least]) * scatter**2 if np.isfinite(scatters[least]) else variance
+    square = _common(offset, ratios, independent) + (deviation**2).sum(1) / independent
     order = np.argsort(square)
     best = int(order[0])
+    common = _common(offset, ratios, variance)
     if common[best] + _bent(deviation[best]) / variance > _UNLIKE:
         return Choice(best, "the line on it is not as wide as on a ball")
     if len(order) > 1 and square[order[1]] - square[best] < _ODDS:
@@ -66,6 +71,11 @@ def most_probable_ball(ratios: np.ndarray) -> Choice:
 
 
 _SHARED = "its points lie on a single stripe, which many balls share"
+
+
+def _common(offset, ratios, variance):
+    """(m,) chi-square of the offsets (m,), where `variance` of the ratios (m, n) lasts for one row."""
+    return offset**2 / (_OFFSET**2 + variance / ratios.shape[1])
 
 
 def _medians(ratios):
@@ -79,10 +89,26 @@ def _scatter(row, middle) -> float:
     """1 sigma of the rows of one ball about a parabola along the stripe, robust."""
     if not np.isfinite(middle):
         return np.inf
+    return MEDIAN_TO_SIGMA * float(np.median(np.abs(_without_parabola(row))))
+
+
+def _without_parabola(row) -> np.ndarray:
+    """(k,) finite values of a row less the parabola along the stripe that fits them."""
     seen = np.isfinite(row)
     place = np.linspace(-1, 1, len(row))[seen]
-    parabola = np.polyval(np.polyfit(place, row[seen], 2), place)
-    return MEDIAN_TO_SIGMA * float(np.median(np.abs(row[seen] - parabola)))
+    return row[seen] - np.polyval(np.polyfit(place, row[seen], 2), place)
+
+
+def _lasting(row) -> float:
+    """Rows for which errors of the widths last, at most: 2 sigma above what their autocorrelation shows.
+
+    The variance of an integrated autocorrelation time t of n values is t^2 2 (2 t + 1) / n (Madras & Sokal, Journal of
+    Statistical Physics 50, 1988, with a window of t).
+    """
+    rest = _without_parabola(row)
+    limit = _CLIPPED * MEDIAN_TO_SIGMA * float(np.median(np.abs(rest)))
+    time = memory(np.clip(rest, -limit, limit))
+    return min(time * (1 + 2 * np.sqrt(2 * (2 * time + 1) / len(rest))), _GRAIN)
 
 
 def _bent(deviation: np.ndarray) -> float:
@@ -95,10 +121,11 @@ def _bent(deviation: np.ndarray) -> float:
 def centre_sigma(fit: BallFit) -> float:
     """mm, 1 sigma of a ball's centre along the direction that is known least.
 
-    A form that the points follow moves it as errors do that all points share.
+    A form that the points follow moves it as errors do that all points share. A form that is as likely by chance is
+    part of the noise, which the covariance holds.
     """
     count = int(fit.inliers.sum())
-    form = np.nan_to_num(fit.form)
+    form = np.nan_to_num(fit.form) if fit.form_probability < _BY_CHANCE else 0.0
     shared = 1 + count * (form / max(fit.rms, 1e-12)) ** 2
     largest = np.linalg.eigvalsh(fit.covariance[:3, :3])[-1]
     return float(np.sqrt(max(largest, 0.0) * shared))
@@ -109,10 +136,11 @@ def undetermined(fit: BallFit, with_form: bool = True) -> str:
 
     with_form: False for centres of the line that are not corrected for its curved surface yet, whose bias is a form.
     """
-    sigma = centre_sigma(fit if with_form else replace(fit, form=0.0))
+    noise_sigma = centre_sigma(replace(fit, form=0.0))
+    sigma = centre_sigma(fit) if with_form else noise_sigma
     if sigma <= DETERMINED_MM:
         return ""
-    form = ", with the form that its points follow" if with_form else ""
+    form = ", with the form that its points follow" if sigma > noise_sigma else ""
     return (
         f"its few stripes determine its centre to {sigma:.2g} mm (1 sigma{form}), "
         f"expected {DETERMINED_MM:g} mm or less"
