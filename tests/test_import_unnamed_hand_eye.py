@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
+from workbench.core.errors import InputError
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
@@ -103,3 +104,37 @@ def test_centres_that_keep_no_ball_in_place_are_not_read(tmp_path):
     path = written(tmp_path / "both.txt", [cells])
     with pytest.raises(Exception, match="joint readings"):
         import_recording([path], tmp_path / "out", ImportOptions())
+
+
+@pytest.mark.parametrize("by_columns", [False, True])
+def test_matrices_of_16_numbers_in_two_files_are_flange_and_target(tmp_path, by_columns):
+    """Eigen and MATLAB write a matrix column by column, other programs row by row."""
+    rng = np.random.default_rng(5)
+    origins, turned = flange_poses(rng)
+    places, turns = poses_of_target(origins, turned)
+    noise = Rotation.from_rotvec(rng.normal(size=(ROWS, 3)) * 1e-3)
+    target = matrices(places + rng.normal(size=(ROWS, 3)) * 0.1, noise * turns)
+    paths = []
+    for name, poses in (
+        ("arm_poses.txt", matrices(origins, turned)),
+        ("pattern_poses.txt", target),
+    ):
+        poses = poses.transpose(0, 2, 1) if by_columns else poses
+        paths.append(written(tmp_path / name, [poses.reshape(-1, 16)]))
+    made = import_recording(paths, tmp_path / "out", ImportOptions())
+    assert made.recording.measures == "target-pose" and made.fits[0].rms_mm < 2
+    np.testing.assert_allclose(made.recording.flange[:, :3, 3], origins, atol=1e-2)
+    np.testing.assert_allclose(made.recording.points, 1000 * target[:, :3, 3], atol=1e-2)
+
+
+def test_equal_rotations_are_the_reason_why_no_reading_is_chosen(tmp_path):
+    rng = np.random.default_rng(6)
+    origins, turned = flange_poses(rng)
+    turned = Rotation.from_quat(np.tile(turned[0].as_quat(), (ROWS, 1)))
+    places, turns = poses_of_target(origins, turned)
+    sets = (origins, turned), (places + rng.normal(size=(ROWS, 3)) * 3, turns)
+    blocks = [np.column_stack([places / 1000, turns.as_quat()]) for places, turns in sets]
+    with pytest.raises(InputError, match="the flange only moved and never turned"):
+        import_recording(
+            [written(tmp_path / "pairs.txt", blocks)], tmp_path / "out", ImportOptions()
+        )

@@ -615,7 +615,8 @@ def hand_eye(
     no_report: bool = False,
     session: Path | str | None = None,
 ) -> Result:
-    r"""Estimate the hand-eye transform from images, profiles or target poses and flange poses.
+    r"""Estimate the hand-eye transform from images, profiles, target poses or tracker points and flange
+    poses.
 
     Args:
         recording: Folder of a recording with flange poses or joint readings, or a known name.

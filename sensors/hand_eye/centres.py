@@ -5,6 +5,8 @@ With T_base_flange = (R_i, p_i) and the centre c_i in the sensor frame, ball k s
     b_k = R_i (X c_i + t) + p_i
 
 in the base. For a rotation X the rest is linear; the rotation is found from a grid over SO(3) and then by Gauss-Newton.
+A stationary instrument that measures points on the flange is the same problem with T_flange_base: b_k is then the place
+of point k on the flange, and X, t take points from the frame of the instrument to that of the base.
 """
 
 from dataclasses import dataclass
@@ -17,7 +19,13 @@ from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.profiler_start import start_rotations
-from workbench.core.rigid import nearest_rotation, rotation_matrix, rotation_vector, skew
+from workbench.core.rigid import (
+    inverse,
+    nearest_rotation,
+    rotation_matrix,
+    rotation_vector,
+    skew,
+)
 
 _MIN_POSES = 4
 _STARTS = 12
@@ -33,12 +41,14 @@ _NAMES = ("x", "y", "z", "rx", "ry", "rz")
 @dataclass(frozen=True)
 class Centres:
     """n centres: `points` (3, n) mm in the sensor frame; `flange` (n, 4, 4) T_base_flange; `ball` (n,) its label from
-    0; `sigma` mm of one coordinate, as each measurement by itself shows it, nan where unknown."""
+    0; `sigma` mm of one coordinate, as each measurement by itself shows it, nan where unknown. `is_stationary`: the
+    sensor stands still and the balls are on the flange."""
 
     points: np.ndarray
     flange: np.ndarray
     ball: np.ndarray
     sigma: float = float("nan")
+    is_stationary: bool = False
 
 
 def hand_eye_from_centres(
@@ -51,6 +61,8 @@ def hand_eye_from_centres(
     fewer than four poses.
     """
     flange = checked_flange(centres.flange, "ball centres")
+    if centres.is_stationary:
+        flange = inverse(flange)
     if centres.points.shape[1] < _MIN_POSES:
         raise InputError(
             f"ball centres: expected at least {_MIN_POSES} poses, found {centres.points.shape[1]}; take more, with "
@@ -175,7 +187,7 @@ def _result(centres, solution: _Solution, radius, residual_mm) -> HandEye:
     noise = float("nan") if residual_mm is None else float(np.sqrt(np.mean(residual_mm**2)))
     robot = np.sqrt(max(variance - np.nan_to_num(centres.sigma) ** 2, 0.0))
     return HandEye(
-        kind="clouds",
+        kind="to-hand" if centres.is_stationary else "clouds",
         sensor=_matrix(solution.rotation, solution.shift),
         covariance=covariance[np.ix_(sensor, sensor)],
         target=placement(solution.places[0]),

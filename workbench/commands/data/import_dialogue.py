@@ -50,7 +50,8 @@ def next_command(recording, folder: Path) -> str:
     name = commands.get(recording.measures, "calibrate")
     if recording.measures == "target-pose":
         name = "handeye"
-    if recording.measures in ("ball-surface", "ball-centre") and not recording.joints.shape[1]:
+    of_points = ("ball-surface", "ball-centre", "external-point")
+    if recording.measures in of_points and not recording.joints.shape[1]:
         name = "handeye"
     target = f"{folder.name}-{name}"
     return shlex.join(["workbench", name, str(folder), "--out", target])

@@ -1,4 +1,4 @@
-"""`workbench handeye`: images of a board, or profiles of a ball, at flange poses in; the hand-eye transform out."""
+"""`workbench handeye`: images of a board, profiles of a ball or measured points, at flange poses in; the transform out."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -64,7 +64,7 @@ def command(
     no_report: answer.NoReport = False,
     session: SessionFile = None,
 ) -> None:
-    """Estimate the hand-eye transform from images, profiles or target poses and flange poses."""
+    """Estimate the hand-eye transform from images, profiles, target poses or tracker points and flange poses."""
     given = {"RECORDING": recording, "--camera": camera, "--scanner": scanner, "--kind": kind}
     given["--trust-data"] = trust_data or None
     edits = edit_session.session_stated(session, HAND_EYE, given)

@@ -230,6 +230,12 @@ _ERRORS = {
     "least_turn_deg": "its rotation (1 rad as 300 mm), RMS, deg",
 }
 
+_ERRORS_OF_KIND = {
+    "target-pose": {key: text.replace("board", "target") for key, text in _ERRORS.items()},
+    "external-point": {"rms_mm": "distance of the measured points, RMS, mm"},
+}
+_SCATTERING = {"target-pose": "estimated target pose", "external-point": "measured points"}
+
 
 def handeye(console, answer: Mapping) -> None:
     """Transform, errors and warnings of a hand-eye calibration; `answer`: the object of `handeye --json`."""
@@ -262,16 +268,17 @@ def handeye(console, answer: Mapping) -> None:
             console.print(line, markup=False)
         console.print()
     keys = [key for key in answer["fit"] if key in answer["held_out"]]
-    is_target = answer.get("measures") == "target-pose"
-    words = {key: text.replace("board", "target") for key, text in _ERRORS.items()}
-    words = words if is_target else _ERRORS
+    measures = answer.get("measures")
+    if measures == "external-point":
+        _measured_point(console, answer["target"])
+    words = _ERRORS | _ERRORS_OF_KIND.get(measures, {})
     rows = [
         [words.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]]
         for key in keys
     ]
     grid(
         console,
-        f"Scatter of the estimated {'target pose' if is_target else 'board pose or sphere'} over the poses",
+        f"Scatter of the {_SCATTERING.get(measures, 'estimated board pose or sphere')} over the poses",
         ["", "fit", "held out"],
         rows,
     )
@@ -279,6 +286,15 @@ def handeye(console, answer: Mapping) -> None:
         if sentence.startswith("scale of the board") and sentence.endswith(", kept"):
             console.print(f"Note: {sentence}.\n", markup=False, soft_wrap=True)
     rejected(console, answer["rejected"])
+
+
+def _measured_point(console, target: Mapping) -> None:
+    """Place of the measured point on the flange, which is the tool centre point where the tool carries it."""
+    values = zip("xyz", target["xyz_mm"], target["std_mm"])
+    words = ", ".join(
+        f"{axis} {measured(value, std)[0]} ± {known(std)}" for axis, value, std in values
+    )
+    console.print(f"{target['transform'].capitalize()}: {words} mm.\n", markup=False)
 
 
 def known(std: float | None) -> str:

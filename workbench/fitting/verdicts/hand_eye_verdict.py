@@ -24,6 +24,7 @@ _UNITS = ("mm", "deg", "px")
 _UNITS_OF_KIND = {
     "ball-surface": ("mm",),
     "ball-centre": ("mm",),
+    "external-point": ("mm",),
     "target-pose": ("mm", "deg"),
 }
 FROM_IMAGES = "from each image alone, without the robot"
@@ -53,9 +54,7 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     errors, those of the fit are judged.
     """
     hand_eye, causes = run.made, undetermined_causes(run)
-    verdict = (
-        _boards(run, tolerances) if hand_eye.radius is None else _profiles(hand_eye, tolerances)
-    )
+    verdict = _boards(run, tolerances) if hand_eye.radius is None else _points(run, tolerances)
     suspected = [*suspicions(run), *_refused_camera(run)]
     if (
         suspected or not causes
@@ -236,11 +235,12 @@ def flange_errors(robot_sigma) -> tuple[float, float | None]:
     return math.sqrt(3) * place, None if rotation is None else math.sqrt(3) * rotation
 
 
-def _profiles(hand_eye: HandEye, tolerances) -> Verdict:
+def _profiles(hand_eye: HandEye, tolerances, what: str = "the points from the ball") -> Verdict:
+    """Verdict on distances in mm; what: the points whose distances they are."""
     value = hand_eye.held_out["rms_mm"]
     label = "held-out" if math.isfinite(value) else "fitted"
     value = value if math.isfinite(value) else hand_eye.fit["rms_mm"]
-    residual = Residual(value, "mm", f"{label} RMS distance of the points from the ball")
+    residual = Residual(value, "mm", f"{label} RMS distance of {what}")
     verdict = judge(residual, Noise(hand_eye.noise, FROM_PROFILES), tolerances)
     if not _is_above(verdict, len(hand_eye.poses)):
         return verdict

@@ -82,13 +82,19 @@ class HandEyeRun:
 
     @property
     def stated_radius(self) -> float | None:
-        """Radius of the ball, mm; None for boards, and for measured ball centres, which do not depend on it."""
-        return None if self.recording.measures == "ball-centre" else self.made.radius
+        """Radius of the ball, mm; None for boards, and for measured centres and points, which do not depend on it."""
+        is_measured = self.recording.measures in ("ball-centre", "external-point")
+        return None if is_measured else self.made.radius
 
     @property
     def is_of_target_poses(self) -> bool:
         """Whether another program measured the poses of the target: their errors are not those of the flange alone."""
         return self.recording.measures == "target-pose"
+
+    @property
+    def is_of_external_points(self) -> bool:
+        """Whether a stationary instrument measured points on the flange."""
+        return self.recording.measures == "external-point"
 
 
 def calibrate(
@@ -111,6 +117,8 @@ def calibrate(
         return _from_centres(recording, kind, progress)
     if recording.measures == "target-pose":
         return _from_targets(recording, kind, progress, trust_data)
+    if recording.measures == "external-point":
+        return _from_external_points(recording, kind, progress)
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
@@ -251,6 +259,22 @@ def _from_centres(recording, kind, progress) -> HandEyeRun:
     flange = flange_poses(recording)
     hand_eye, poses, names = hand_eye_clouds.from_ball_centres(recording, flange, progress)
     return HandEyeRun(recording, hand_eye, poses, names)
+
+
+def _from_external_points(recording, kind, progress) -> HandEyeRun:
+    """From points on the flange that a stationary instrument measured, at recorded flange poses."""
+    if recording.flange is None:
+        raise InputError(
+            f"{recording.name}, samples.csv: expected flange poses (flange_x_mm … flange_qz) next to the measured "
+            "points, found none; `workbench calibrate` estimates base, tool and arm from joint readings"
+        )
+    if kind == IN_HAND:
+        raise InputError(
+            f"{recording.name}: expected a stationary instrument that measures points on the flange, found --kind "
+            'in-hand; leave the option out, or state measures = "ball-centre" for a sensor on the flange'
+        )
+    made = hand_eye_clouds.from_external_points(recording, recording.flange, progress)
+    return HandEyeRun(recording, *made)
 
 
 def _from_surface(recording, kind, progress) -> HandEyeRun:
@@ -413,7 +437,9 @@ def target_json(hand_eye: HandEye) -> dict:
             **placed_json(hand_eye.target, hand_eye.target_covariance),
         }
     return {
-        "transform": "centre of the ball in the base",
+        "transform": "measured point in the frame of the flange"
+        if hand_eye.kind == TO_HAND
+        else "centre of the ball in the base",
         "xyz_mm": hand_eye.centre.tolist(),
         "std_mm": np.sqrt(np.diag(hand_eye.target_covariance)).tolist(),
     }

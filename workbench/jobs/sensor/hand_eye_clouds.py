@@ -1,4 +1,5 @@
-"""Hand-eye of a 3-D camera from clouds of a ball, and of any sensor from ball centres, at flange poses."""
+"""Hand-eye of a 3-D camera from clouds of a ball, of any sensor from ball centres, and of a stationary instrument from
+points on the flange, at flange poses."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -68,15 +69,37 @@ def from_ball_centres(
     return hand_eye, flange, tuple(f"sample {number:g}" for number in recording.sample_ids)
 
 
+def from_external_points(
+    recording: Recording, flange: np.ndarray, progress: Callable[[str], None]
+) -> tuple[HandEye, np.ndarray, tuple[str, ...]]:
+    """The same from points on the flange that a stationary instrument measured (kind external-point).
+
+    The transform is T_base_sensor, and the target is the first reflector's place in the frame of the flange. Rows of
+    reference targets that do not move with the robot are left out. Raises InputError.
+    """
+    rows = np.flatnonzero(recording.moving)
+    numbers, label = np.unique(recording.reflector[rows], return_inverse=True)
+    progress(f"hand-eye from {len(rows)} measured points of {len(numbers)} reflectors")
+    sigma = np.nan
+    if recording.sigma is not None:
+        sigma = float(np.sqrt(np.mean(recording.sigma[rows] ** 2)))
+    data = Centres(recording.points[rows].T, flange[rows], label, sigma, is_stationary=True)
+    hand_eye = hand_eye_from_centres(data, float("nan"))
+    _check_unit_of_centres(recording, data, hand_eye)
+    names = tuple(f"sample {number:g}" for number in recording.sample_ids[rows])
+    return hand_eye, flange[rows], names
+
+
 def _check_unit_of_centres(recording: Recording, data: Centres, hand_eye: HandEye) -> None:
     """InputError where the centres fit the flange poses far better in another unit of length."""
+    what, keep = ("points", "points keep") if data.is_stationary else ("ball centres", "balls keep")
     rms = hand_eye.fit["rms_mm"]
     for name, factor in _UNITS.items():
         other = hand_eye_from_centres(replace(data, points=factor * data.points), hand_eye.radius)
         if other.fit["rms_mm"] < _BETTER * rms:
             raise InputError(
-                f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected ball centres in mm, found that the "
-                f"balls keep their places to {rms:.3g} mm as recorded and to {other.fit['rms_mm']:.3g} mm if the "
+                f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected {what} in mm, found that the "
+                f"{keep} their places to {rms:.3g} mm as recorded and to {other.fit['rms_mm']:.3g} mm if the "
                 f"numbers are {name}; multiply them by {factor:g}"
             )
 

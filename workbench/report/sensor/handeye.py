@@ -46,7 +46,7 @@ def page(run: HandEyeRun) -> Page:
     hand_eye = run.made
     where = {
         "in-hand": "camera on the flange",
-        "to-hand": "stationary camera",
+        "to-hand": "stationary instrument" if run.is_of_external_points else "stationary camera",
         "profiles": "profiler on the flange",
         "clouds": "3-D sensor on the flange",
     }
@@ -101,6 +101,10 @@ def _numbers(run):
         yield "board scatter, held out", rounded(hand_eye.held_out["origin_mm"]), "mm"
         yield "rotation scatter, held out", rounded(hand_eye.held_out["turn_deg"]), "deg"
         yield "board scatter, fit", rounded(hand_eye.fit["origin_mm"]), "mm"
+    elif run.is_of_external_points:
+        yield "distance of the points, held out", rounded(hand_eye.held_out["rms_mm"]), "mm"
+        yield "fit", rounded(hand_eye.fit["rms_mm"]), "mm"
+        return
     else:
         yield "distance from the sphere, held out", rounded(hand_eye.held_out["rms_mm"]), "mm"
         yield "fit", rounded(hand_eye.fit["rms_mm"]), "mm"
@@ -121,7 +125,9 @@ def lead(run: HandEyeRun) -> list[str]:
     hand_eye = run.made
     poses = counted(len(run.flange), "pose")
     quantity = (
-        f"scatter of the estimated pose of the {_target(run)}"
+        "scatter of the measured points in the frame of the flange"
+        if run.is_of_external_points
+        else f"scatter of the estimated pose of the {_target(run)}"
         if hand_eye.radius is None
         else "scatter of the measured ball centres in the base frame"
         if hand_eye.kind == "clouds"
@@ -287,6 +293,8 @@ def _space(run):
         else "Flange and sensor of every pose in the base frame of the arm; a pyramid shows the field of view of the "
         "camera."
         if run.made.radius is None
+        else "Flange and measured point of every pose, and the instrument, in the base frame of the arm."
+        if run.is_of_external_points
         else "Flange and profiler of every pose, and the sphere, in the base frame of the arm."
     )
     yield figure("space3d", scene(run), "Drag to rotate.")
@@ -314,13 +322,17 @@ def scene(run: HandEyeRun) -> go.Figure:
         space.points(figure, sensors[:, :3, 3].T, "camera", size=4, color=style.BLUE)
         axes = 0.1 * span * np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 0], [0, 1, 0]])
         space.lines(figure, space.moved(boards, axes), "target, x and y axis", style.ORANGE, 4)
+    elif run.is_of_external_points:
+        space.points(figure, sensors[:, :3, 3].T, "instrument", size=4, color=style.BLUE)
+        space.points(figure, boards[:, :3, 3].T, "measured point", size=4, color=style.ORANGE)
     else:
         space.points(figure, sensors[:, :3, 3].T, "profiler", size=4, color=style.BLUE)
         space.ball(figure, hand_eye.centre, hand_eye.radius, "ball")
     stalks = np.stack(
         [flange[:, :3, 3], (sensors if hand_eye.kind != TO_HAND else boards)[:, :3, 3]], axis=1
     )
-    name = "flange to board" if hand_eye.kind == TO_HAND else "flange to sensor"
+    target = "point" if run.is_of_external_points else "board"
+    name = f"flange to {target}" if hand_eye.kind == TO_HAND else "flange to sensor"
     space.lines(figure, stalks, name, style.GREY, 3, ink=True)
     return figure
 

@@ -1,8 +1,9 @@
-"""Flange poses and centres of one fixed ball in tables whose headers do not say so: which columns are which.
+"""Flange poses and measured points in tables whose headers do not say so: which columns are which.
 
-A pose is 6, 7 or 12 numbers, a centre three, in one table side by side or in two with the same rows. The ball stands
-still, R_k (X p_k + s) + t_k = b for all rows k: with any matrix X, which takes up the unit of the centres, too, this is
-linear in X, the place s of the sensor and the ball's centre b. Other columns leave most of t_k.
+A pose is 6, 7 or 12 numbers, a point three, in one table side by side or in two with the same rows. A ball stands
+still, R_k (X p_k + s) + t_k = b for all rows k: with any matrix X, which takes up the unit of the points, too, this is
+linear in X, the place s of the sensor and the ball's centre b. Other columns leave most of t_k. The same holds with the
+inverse poses for a point on the flange, at b, which a stationary instrument measures.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,7 +34,7 @@ _MOST_LEFT = 0.02
 def pose_and_centre(
     tables: Sequence[RawTable], mapping: Mapping
 ) -> tuple[RawTable, Mapping] | None:
-    """One table of flange poses and centres of a ball, and its mapping; None for any other tables."""
+    """One table of flange poses and measured points, and its mapping; None for any other tables."""
     is_open = mapping.joints is None and mapping.flange_point is None and mapping.point is None
     if not is_open or not 0 < len(tables) <= 2 or any(map(has_joints, tables)):
         return None
@@ -49,16 +50,11 @@ def pose_and_centre(
     if best is None:
         return None
     joined, place, rotation, centre = best
-    proposed = Mapping(
-        measures="ball-centre",
-        flange_point=place,
-        flange_rotation=rotation,
-        point=Group(centre),
-    )
+    proposed = Mapping(flange_point=place, flange_rotation=rotation, point=Group(centre))
     note = (
-        f"No header names flange poses or centres of a ball; {', '.join(place.columns + rotation.columns)} are read as "
-        f"poses of the flange and {', '.join(centre)} as the centre of one fixed ball, since the ball then keeps its "
-        "place. If that is wrong, state the columns in a mapping file and name it with --map."
+        f"No header names flange poses or measured points; {', '.join(place.columns + rotation.columns)} are read as "
+        f"poses of the flange and {', '.join(centre)} as a measured point, since one transform then connects all rows. "
+        "If that is wrong, state the columns in a mapping file and name it with --map."
     )
     return replace(joined, warnings=(*joined.warnings, note)), mapping.merged(proposed)
 
@@ -87,7 +83,8 @@ def _set(table: RawTable, names: Sequence[str]) -> PoseSet:
 
 
 def _share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence[str]) -> float:
-    """Share of the scatter of the flange's positions that a fixed ball leaves, under the best rotation convention."""
+    """Share of the scatter of the flange's positions that a fixed ball, or a point on the flange, leaves under the best
+    rotation convention."""
     origins, seen = (
         np.stack([table.columns[name] for name in names], axis=1)
         for names in (place.columns, centre)
@@ -99,7 +96,12 @@ def _share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence
         candidates = rotation_candidates(rotation, table)
     except InputError:
         return np.inf
-    found = [_misfit(candidate.matrices(table), origins, seen) for candidate in candidates]
+    found = []
+    for candidate in candidates:
+        rotations = candidate.matrices(table)
+        back = rotations.transpose(0, 2, 1)
+        found.append(_misfit(rotations, origins, seen))
+        found.append(_misfit(back, -np.einsum("nij,nj->ni", back, origins), seen))
     return min(found, default=np.inf) / scatter
 
 

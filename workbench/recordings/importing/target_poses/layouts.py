@@ -35,6 +35,8 @@ _NUMBERED = re.compile(r"column \d+")
 _ROTATION_FIRST = (3, 4, 5, 6, 7, 8, 9, 10, 11)
 _OF_MATRIX = ((3, 7, 11), (0, 1, 2, 4, 5, 6, 8, 9, 10))
 _AFTER_MATRIX = ((9, 10, 11), (0, 1, 2, 3, 4, 5, 6, 7, 8))
+_BY_COLUMNS = ((12, 13, 14), (0, 4, 8, 1, 5, 9, 2, 6, 10))
+"""Places of position and rotation, row by row, in 16 numbers of a 4 x 4 matrix that is written column by column."""
 _UNIT_LENGTH = 0.02
 _ORTHOGONAL = 0.02
 _WIDTHS = (6, 7, 12, 16)
@@ -218,7 +220,10 @@ def _orders(cells: np.ndarray) -> Iterator[tuple[Sequence[int], Sequence[int]]]:
             lengths = np.linalg.norm(cells[:, rotation], axis=1)
             if np.abs(lengths - 1).max() < _UNIT_LENGTH:
                 yield position, rotation
-    if width in (12, 16):
+    if width == 16 and (cells[:, [3, 7, 11, 15]] == [0, 0, 0, 1]).all():
+        if _is_rotation(cells[:, _BY_COLUMNS[1]].reshape(-1, 3, 3)):
+            yield _BY_COLUMNS
+    elif width in (12, 16):
         for position, rotation in (_OF_MATRIX, _AFTER_MATRIX, ((0, 1, 2), _ROTATION_FIRST)):
             if _is_rotation(cells[:, rotation].reshape(-1, 3, 3)):
                 yield position, rotation

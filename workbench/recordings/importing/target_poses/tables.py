@@ -18,6 +18,7 @@ from workbench.core.errors import InputError
 from workbench.recordings.importing.board_images.pose_readings import pose_columns
 from workbench.recordings.importing.interpretation.decisions import choose_reading
 from workbench.recordings.importing.measured_robot import Made
+from workbench.recordings.importing.target_poses.motion_gaps import named_gaps
 from workbench.recordings.importing.target_poses.readings import (
     FIXED_TO,
     TargetReading,
@@ -58,7 +59,8 @@ def import_target_poses(found, options, progress) -> Made | None:
     if not fits[0][1].is_good and not options.trust_data:
         _check_usual(rows, mapping)
     lines = [reading.line for reading in readings]
-    chosen = choose_reading(lines, fits, f"{rows.file}, poses", options.ask, _REMEDY)
+    with named_gaps(rows.file, fits, lambda place: readings[place].poses.flange):
+        chosen = choose_reading(lines, fits, f"{rows.file}, poses", options.ask, _REMEDY)
     reading = readings[chosen]
     suspicions = tuple(_suspicions(rows, reading))
     recording = _recording(rows, reading, other_columns(rows, mapping), options)
