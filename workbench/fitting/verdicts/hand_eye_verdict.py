@@ -54,7 +54,12 @@ def handeye_verdict(run, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     errors, those of the fit are judged.
     """
     hand_eye, causes = run.made, undetermined_causes(run)
-    verdict = _boards(run, tolerances) if hand_eye.radius is None else _points(run, tolerances)
+    if hand_eye.radius is None:
+        verdict = _boards(run, tolerances)
+    elif run.is_of_external_points:
+        verdict = _profiles(hand_eye, tolerances, "the measured points")
+    else:
+        verdict = _profiles(hand_eye, tolerances)
     suspected = [*suspicions(run), *_refused_camera(run)]
     if (
         suspected or not causes
