@@ -1,4 +1,4 @@
-"""`workbench handeye`: images of a board, profiles of a ball or measured points at flange poses in; the transform out."""
+"""`workbench handeye`: images, profiles of a ball or measured points at flange poses in; the hand-eye transform out."""
 
 from collections.abc import Mapping
 from enum import StrEnum
