@@ -111,14 +111,10 @@ def calibrate(
     same images. kind: "in-hand" or "to-hand", None as the recording's [board] says. trust_data: a mistake in the data
     that explains what the data cannot is reported and does not refuse the recording. Raises InputError.
     """
-    if recording.measures == "ball-surface":
-        return _from_surface(recording, kind, progress)
-    if recording.measures == "ball-centre":
-        return _from_centres(recording, kind, progress)
     if recording.measures == "target-pose":
         return _from_targets(recording, kind, progress, trust_data)
-    if recording.measures == "external-point":
-        return _from_external_points(recording, kind, progress)
+    if recording.measures in _OF_POINTS:
+        return _OF_POINTS[recording.measures](recording, kind, progress)
     by_role(recording, "board")
     kind = kind or (TO_HAND if (recording.board or {}).get("fixed_to") == "tool" else IN_HAND)
     flange = flange_poses(recording)
@@ -331,6 +327,14 @@ def _from_profiles(recording, kind, progress) -> HandEyeRun:
         progress("the same with a radius of its own")
         free = hand_eye_from_profiles(recording.points.T, pose, flange, None, names=names)
     return HandEyeRun(recording, hand_eye, flange, names, free=free)
+
+
+_OF_POINTS = {
+    "ball-surface": _from_surface,
+    "ball-centre": _from_centres,
+    "external-point": _from_external_points,
+}
+"""By kind of measurement: the hand-eye from points and flange poses."""
 
 
 def as_json(run: HandEyeRun, tolerances: Sequence[Tolerance] = ()) -> dict:
