@@ -99,9 +99,9 @@ def _share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence
     found = []
     for candidate in candidates:
         rotations = candidate.matrices(table)
-        back = rotations.transpose(0, 2, 1)
+        inverses = rotations.transpose(0, 2, 1)
         found.append(_misfit(rotations, origins, seen))
-        found.append(_misfit(back, -np.einsum("nij,nj->ni", back, origins), seen))
+        found.append(_misfit(inverses, -np.einsum("nij,nj->ni", inverses, origins), seen))
     return min(found, default=np.inf) / scatter
 
 
