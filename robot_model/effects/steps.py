@@ -39,7 +39,26 @@ class AfterInstant:
         return f"after {instant_format(state).format(self.after)}"
 
 
-class Shift(AfterInstant, Effect):
+class RepeatedStep:
+    """Of steps that may occur several times at one place: `occurrence` numbers those after the first, from 2.
+
+    It is part of the keys of their parameters: "base.shift.x", "base.shift.x_2".
+    """
+
+    coexists = True
+
+    def __init__(
+        self, where: str, after: float, occurrence: Annotated[int | None, Field(ge=2)] = None
+    ):
+        super().__init__(where, after)
+        self.occurrence = occurrence
+
+    def name_of(self, name: str) -> str:
+        """Name of a parameter, with the number of a repeated step."""
+        return name if self.occurrence is None else f"{name}_{self.occurrence}"
+
+
+class Shift(RepeatedStep, AfterInstant, Effect):
     """A part of the machine changes its pose once, as after a bump, a slipped clamp or a bent link.
 
     Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
@@ -54,8 +73,10 @@ class Shift(AfterInstant, Effect):
     source = "step change of a pose: change-point model, Basseville & Nikiforov, Detection of Abrupt Changes (1993)"
     reads = ("time",)
 
-    def __init__(self, where: str, after: float):
-        super().__init__(where, after)
+    def __init__(
+        self, where: str, after: float, occurrence: Annotated[int | None, Field(ge=2)] = None
+    ):
+        super().__init__(where, after, occurrence)
         self.of_session = where == "base"
 
     @classmethod
@@ -73,7 +94,8 @@ class Shift(AfterInstant, Effect):
     def table(self, chain):
         label = f"the shift of {self.where} ({self.instant(chain.state)})"
         return tuple(
-            self.parameter(name, unit, size, f"{label}, {name}") for name, unit, size in _TWIST
+            self.parameter(self.name_of(name), unit, size, f"{label}, {name}")
+            for name, unit, size in _TWIST
         )
 
     def basis(self, state):
@@ -81,7 +103,7 @@ class Shift(AfterInstant, Effect):
         return np.eye(6)[:, :, None] * is_after
 
 
-class TargetShift(AfterInstant, Effect):
+class TargetShift(RepeatedStep, AfterInstant, Effect):
     """A part of the machine moves once, as after a knock.
 
     It is one of several balls of an artefact or of several reflectors on the tool. Three numbers: the step of its
@@ -124,7 +146,8 @@ class TargetShift(AfterInstant, Effect):
     def table(self, chain):
         label = f"the shift of {self.where} ({self.instant(chain.state)})"
         return tuple(
-            self.parameter(axis, unit, size, f"{label}, {axis}") for axis, unit, size in _TWIST[:3]
+            self.parameter(self.name_of(axis), unit, size, f"{label}, {axis}")
+            for axis, unit, size in _TWIST[:3]
         )
 
     def basis(self, state):
@@ -287,6 +310,7 @@ __all__ = [
     "JointWarmUp",
     "LinkWarmUp",
     "Loosening",
+    "RepeatedStep",
     "Shift",
     "TargetShift",
     "warm_up_progress",

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from robot_model.effects.elastic import JointCompliance
-from robot_model.effects.steps import AfterInstant
+from robot_model.effects.steps import AfterInstant, RepeatedStep
 from robot_model.state import sliding
 from workbench.core.covariates import (
     clock,
@@ -277,7 +277,7 @@ class Backlash(Effect):
         return self.seat == "moves"
 
 
-class ZeroShift(AfterInstant, Effect):
+class ZeroShift(RepeatedStep, AfterInstant, Effect):
     """A belt slipped, the arm was hit or counts were lost: the zero of a joint jumps once.
 
     `after` is an instant in s where time was recorded, else the number of a row.
@@ -311,7 +311,8 @@ class ZeroShift(AfterInstant, Effect):
 
     def table(self, chain):
         label = f"joint {self.number}'s shift ({self.instant(chain.state)})"
-        return (self.parameter("shift", *size_of(chain, self.number, 1e-3), label),)
+        name = self.name_of("shift")
+        return (self.parameter(name, *size_of(chain, self.number, 1e-3), label),)
 
     def basis(self, state):
         return (clock(state) > self.after).astype(float)[None, None]

@@ -135,7 +135,12 @@ def _excludes(effect: Effect, h: Hypothesis) -> bool:
         return effect.names == h.smooth_covariates and all(
             other.options == effect.options for other in h.effects
         )
-    return not h.coexists or any(effect.options == other.options for other in h.effects)
+    return not h.coexists or any(_law_of(effect) == _law_of(other) for other in h.effects)
+
+
+def _law_of(effect: Effect) -> dict:
+    """Options of an effect that are part of its law; the number of a repeated step is only its name."""
+    return {name: value for name, value in effect.options.items() if name != "occurrence"}
 
 
 def _of_candidates(

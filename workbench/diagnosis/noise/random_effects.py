@@ -244,14 +244,18 @@ def _occasional_likelihood(site, residual, share) -> float:
     m = len(residual)
     length = lengths(residual)
     far = np.flatnonzero(length > FULL_WEIGHT)
-    d = _directions(site, m)[:, :, far]
-    covariance = np.einsum("kan,kbn->nab", d, d)
-    covariance /= np.maximum(np.einsum("naa->n", covariance), 1e-300)[:, None, None]
-    values, vectors = symmetric_eigen(covariance)
+    values, vectors = symmetric_eigen(_relative_covariance(site, m)[far])
     widths = 1 + np.maximum(values, 0.0) * np.maximum(length[far] ** 2 - m, 0.0)[:, None]
     squares = np.einsum("nab,an->nb", vectors, _unit(residual[:, far])) ** 2
     moved = -0.5 * (np.log(widths).sum(1) + m * np.log((squares / widths).sum(1)))
     return float(share[far] @ np.logaddexp(np.log(0.5), np.log(0.5) + moved))
+
+
+def _relative_covariance(site, m: int) -> np.ndarray:
+    """(n, m, m) covariance of what a site does by chance at each sample, over its trace."""
+    d = _directions(site, m)
+    covariance = np.einsum("kan,kbn->nab", d, d)
+    return covariance / np.maximum(np.einsum("naa->n", covariance), 1e-300)[:, None, None]
 
 
 def _constant_shape_likelihood(z, share) -> float:

@@ -1,10 +1,13 @@
 """The instant at which a step begins, and how well it is known: its posterior over all instants that were tried."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
 
+from robot_model.effects.steps import RepeatedStep
+from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, MAJORITY, ROUNDING
 from workbench.diagnosis.linear.candidates import Scan
@@ -50,6 +53,35 @@ def refine_instants(search) -> None:
     if any(term is not accepted for term, accepted in zip(refined, search.accepted)):
         search.accepted = tuple(refined)
         search.solve_feasible()
+
+
+def with_numbered_steps(accepted: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Accepted hypotheses in which the steps of one effect at one place have different numbers, and so parameters."""
+    taken, out = set(), []
+    for h in accepted:
+        effects = tuple(_numbered(effect, taken) for effect in h.effects)
+        is_same = all(new is old for new, old in zip(effects, h.effects))
+        out.append(h if is_same else replace(h, effects=effects))
+    return tuple(out)
+
+
+def _numbered(effect: Effect, taken: set[tuple]) -> Effect:
+    """The effect, where its number is taken with the next one that is free; taken: of the effects before it."""
+    if not isinstance(effect, RepeatedStep):
+        return effect
+    number = _free_number(effect, taken)
+    taken.add((effect.effect, effect.where, number))
+    if number == (effect.occurrence or 1):
+        return effect
+    return type(effect)(effect.where, effect.after, occurrence=number)
+
+
+def _free_number(effect: Effect, taken: set[tuple]) -> int:
+    """The number of a step, or the first one after it that is not taken."""
+    number = effect.occurrence or 1
+    while (effect.effect, effect.where, number) in taken:
+        number += 1
+    return number
 
 
 def _refined(search, i: int) -> Hypothesis:

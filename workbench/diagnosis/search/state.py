@@ -14,6 +14,7 @@ from workbench.diagnosis.noise.random_effects import RandomEffect, whitened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.robot.shared_moments import with_shared_moments
 from workbench.diagnosis.search.compatible import compatible
+from workbench.diagnosis.search.instants import with_numbered_steps
 from workbench.diagnosis.search.options import with_exact_options
 from workbench.diagnosis.search.prior import is_elastic, may_be_elastic
 
@@ -70,6 +71,7 @@ class Search:
 
     def solve(self):
         """Solve the bench with the accepted hypotheses and discard the tables of the previous solution."""
+        self.accepted = with_numbered_steps(self.accepted)
         effects = [e for h in self.accepted for e in h.effects]
         if not self._is_solved_with(effects):
             self.stated_noise_problem = self.bench.problem(effects, self.samples)
