@@ -17,9 +17,9 @@ from sensors.ball.extent import shell
 from sensors.ball.fit import fit_ball
 from sensors.ball.result import (
     EDGE,
-    ELSEWHERE,
     INCIDENCE,
     MISSING,
+    NOT_ON_BALL,
     OUTLIER,
     REASONS,
     USED,
@@ -281,7 +281,7 @@ def rejected(fits: Sequence[BallFit]) -> Characteristic:
     Points that no surface returned and those of other surfaces do not count.
     """
     reasons = np.concatenate([fit.reason for fit in fits]) if fits else np.zeros(0, int)
-    reasons = reasons[(reasons != MISSING) & (reasons != ELSEWHERE)]
+    reasons = reasons[(reasons != MISSING) & (reasons != NOT_ON_BALL)]
     if not len(reasons):
         return _undetermined(rejected, "rejected", "", "", "1", "no ball was measured")
     by_reason = {

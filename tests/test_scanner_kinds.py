@@ -134,7 +134,7 @@ def _board_views(camera: Camera, angles, error, rng):
     grid = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2) * 5.0
     board = np.concatenate([grid.T - [[20.0], [12.0]], np.zeros((1, 54))])
     axis, point = np.array([0.0, 0.8, -0.6]), np.array([1.0, 4.0, 130.0])
-    across = Turntable(axis, point).across
+    across = Turntable(axis, point).perpendicular
     standing = np.stack([*across, axis]).T @ board + point[:, None]
     views, poses = [], []
     for k, angle in enumerate(angles + error(angles)):

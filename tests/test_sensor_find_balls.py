@@ -143,7 +143,7 @@ def test_empty_and_wrong_input():
         with pytest.raises(InputError, match="expected .* found"):
             find_balls(*arguments)
     with pytest.raises(InputError, match="a smaller and a larger radius"):
-        find_balls(np.random.default_rng(0).uniform(0, 1, (3, 99)), between=(5.0, 2.0))
+        find_balls(np.random.default_rng(0).uniform(0, 1, (3, 99)), radius_range=(5.0, 2.0))
 
 
 @pytest.mark.slow

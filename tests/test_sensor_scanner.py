@@ -62,7 +62,7 @@ def test_planes_are_found_to_a_thousandth_of_a_millimetre_and_the_mirror_finds_t
     pooled = aligned(truth, made.camera, made.scanner.planes, steps=steps)
     assert made.mirror.supported and made.scanner.mirror is not None
     assert pooled[0] < free[0] < 0.001
-    assert made.apart.point_mm < 0.7 * made.free.apart(made.volume).point_mm
+    assert made.best_frame.point_mm < 0.7 * made.free.best_frame(made.volume).point_mm
     assert (
         abs(made.camera.fx - truth.camera.fx) < 3 * made.std["camera.fx"] < 3e-3 * truth.camera.fx
     )
@@ -85,7 +85,7 @@ def test_stated_sigmas_cover_the_truth_in_68_percent_over_seeds(count):
         points.append(
             [
                 aligned(scene, found.camera, found.scanner.planes, steps=found.scanner.steps)[1],
-                found.apart.point_mm,
+                found.best_frame.point_mm,
             ]
         )
     for z in (np.concatenate(free), np.concatenate(pooled)):
@@ -114,7 +114,7 @@ def test_weights_come_from_the_residuals(made):
 
 def test_sigmas_do_not_depend_on_those_that_were_stated(truth, made):
     other = calibrated(truth, stripes=board_stripes(truth, sigma=0.5))
-    assert other.apart.point_mm == pytest.approx(made.apart.point_mm, rel=0.02)
+    assert other.best_frame.point_mm == pytest.approx(made.best_frame.point_mm, rel=0.02)
     assert np.abs(other.scanner.planes - made.scanner.planes).max() < 1e-4
 
 

@@ -129,7 +129,9 @@ def test_the_mirrors_probability_is_uniform_where_it_is_true(count):
 
 
 def test_the_frame_goes_into_the_file_and_comes_back(made, tmp_path):
-    assert np.array_equal(made.scanner.frame, made.apart.frame) and made.scanner.frame.shape == (
+    assert np.array_equal(
+        made.scanner.frame, made.best_frame.frame
+    ) and made.scanner.frame.shape == (
         6,
         6,
     )

@@ -74,7 +74,8 @@ def page() -> str:
 
 def _turntable() -> str:
     rows = [
-        (f"`{one.name}`", f"`{one.law}`", one.source, one.what, one.tested) for one in ANGLE_ERRORS
+        (f"`{one.name}`", f"`{one.law}`", one.source, one.description, one.tested)
+        for one in ANGLE_ERRORS
     ]
     return TURNTABLE_COLUMNS + "".join(f"| {' | '.join(row)} |\n" for row in rows)
 

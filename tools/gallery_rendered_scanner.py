@@ -62,7 +62,10 @@ def whole() -> dict:
         "bow_mm": [start.bow.parameters, start.bow.std],
         "planes_mm": made.plane_errors(),
         "free_mm": made.plane_errors(free=True),
-        "stated_mm": [made.found.apart.point_mm, made.found.free.apart(made.found.volume).point_mm],
+        "stated_mm": [
+            made.found.best_frame.point_mm,
+            made.found.free.best_frame(made.found.volume).point_mm,
+        ],
         "mirror": [bool(made.found.mirror.supported), made.found.mirror.probability],
         "raw_mm": [ball.raw.tolist() for ball in balls],
         "laid_mm": [ball.laid.tolist() for ball in balls],

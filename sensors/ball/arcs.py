@@ -12,7 +12,7 @@ import numpy as np
 
 _FEWEST = 10  # points of an arc
 _GAP = 1 / 4  # of the radius: a larger gap between neighbours along a stripe ends an arc
-_NEAR = 0.06  # of the radius: points nearer to a candidate's surface support it
+_MAX_DISTANCE = 0.06  # of the radius: points nearer to a candidate's surface support it
 _DIFFERENT = 0.3  # of the radius: candidates nearer to one another are one
 _MOST_ARCS = 400
 _TRIALS = 60
@@ -26,7 +26,7 @@ class Arcs:
     points: np.ndarray
     stripe: np.ndarray
 
-    def candidates(self, radius: float, most: int = 8) -> list[tuple[int, np.ndarray, float]]:
+    def candidates(self, radius: float, max_count: int = 8) -> list[tuple[int, np.ndarray, float]]:
         """(support, centre (3,) mm, radius) of balls of one radius (mm), the best supported first.
 
         support: number of points near the surface.
@@ -39,7 +39,7 @@ class Arcs:
         found: list[tuple[int, np.ndarray, float]] = []
         for k in np.argsort(support)[::-1]:
             centre = centres[k]
-            if support[k] < _FEWEST or len(found) == most:
+            if support[k] < _FEWEST or len(found) == max_count:
                 break
             if all(np.linalg.norm(centre - ball[1]) > _DIFFERENT * radius for ball in found):
                 found.append((support[k], centre, radius))
@@ -47,7 +47,7 @@ class Arcs:
 
     def _support(self, centre: np.ndarray, radius: float) -> int:
         distance = np.linalg.norm(self.points - centre[:, None], axis=0)
-        return int((np.abs(distance - radius) < _NEAR * radius).sum())
+        return int((np.abs(distance - radius) < _MAX_DISTANCE * radius).sum())
 
     def split(self, radius: float) -> list[np.ndarray]:
         """Numbers (k,) of the points of each arc in their order along it, longest arcs first.
@@ -57,11 +57,11 @@ class Arcs:
         arcs = []
         for label in np.unique(self.stripe):
             place = np.flatnonzero(self.stripe == label)
-            mine = self.points[:, place]
-            order = _along_stripe(mine)
-            gaps = _steps(mine[:, order]) > _GAP * radius
-            parts = np.split(place[order], np.flatnonzero(gaps) + 1)
-            arcs += [part for part in parts if len(part) >= _FEWEST]
+            points_of_stripe = self.points[:, place]
+            order = _along_stripe(points_of_stripe)
+            gaps = _steps(points_of_stripe[:, order]) > _GAP * radius
+            pieces = np.split(place[order], np.flatnonzero(gaps) + 1)
+            arcs += [part for part in pieces if len(part) >= _FEWEST]
         arcs.sort(key=lambda part: -len(part))
         return arcs[:_MOST_ARCS]
 

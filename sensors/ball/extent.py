@@ -14,13 +14,13 @@ def seen_extent(normal, place, view):
     """
     mean = _unit(normal.take(place, 1).sum(1))
     axis = mean if view is None else _unit(-view.mean(1))
-    some = normal.take(place[:: len(place) // _ENOUGH + 1], 1)
-    half_angle = _angle_of_share(mean @ some, 0.99)
+    sample = normal.take(place[:: len(place) // _ENOUGH + 1], 1)
+    half_angle = _angle_of_share(mean @ sample, 0.99)
     # the farthest point from the axis in every sector about it
-    sectors, sector = _sectors_about(axis, some)
-    least = np.ones(sectors)
-    np.minimum.at(least, sector, np.clip(axis @ some, -1, 1))
-    reach = np.arccos(least)
+    sectors, sector = _sectors_about(axis, sample)
+    smallest_cosine = np.ones(sectors)
+    np.minimum.at(smallest_cosine, sector, np.clip(axis @ sample, -1, 1))
+    reach = np.arccos(smallest_cosine)
     is_seen = reach > 0.7 * np.quantile(reach, 0.8)
     return half_angle, float(is_seen.mean())
 
@@ -31,8 +31,8 @@ def _angle_of_share(cosine: np.ndarray, share: float) -> float:
     last = len(cosine) - 1
     low = int(place)
     ordered = np.partition(cosine, (low, min(low + 1, last)))
-    near, far = np.arccos(np.clip(ordered[[min(low + 1, last), low]], -1, 1))
-    return float(far + (place - low) * (near - far))
+    lower_angle, upper_angle = np.arccos(np.clip(ordered[[min(low + 1, last), low]], -1, 1))
+    return float(upper_angle + (place - low) * (lower_angle - upper_angle))
 
 
 def _unit(direction):
@@ -42,13 +42,13 @@ def _unit(direction):
 
 def _sectors_about(axis, directions):
     """Number of sectors about an axis, and the sector (n,) of each direction; in a plane the two sides."""
-    across = np.linalg.svd(axis[None])[2][1:] @ directions
+    perpendicular = np.linalg.svd(axis[None])[2][1:] @ directions
     if len(directions) == 3:
         sectors = _SECTORS
-        azimuth = np.arctan2(across[1], across[0])
+        azimuth = np.arctan2(perpendicular[1], perpendicular[0])
     else:
         sectors = 2
-        azimuth = np.pi * (across[0] < 0)
+        azimuth = np.pi * (perpendicular[0] < 0)
     sector = np.floor(azimuth * (sectors / (2 * np.pi))).astype(int)
     sector[sector < 0] += sectors
     return sectors, sector

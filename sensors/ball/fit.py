@@ -290,7 +290,12 @@ class _Part:
     """A solved problem, from which the result is put together."""
 
     def __init__(self, problem: Problem, solved: Solved, loss, trim):
-        self.problem, self.values, self.at, self.trim = problem, solved.values, solved.at, trim
+        self.problem, self.values, self.linear, self.trim = (
+            problem,
+            solved.values,
+            solved.linear,
+            trim,
+        )
         solved = replace(solved, spread=max(solved.spread, 1e-12 * self.values[-1]))
         self.white = solved.white
         self.used, self.part = used_part(problem, solved, loss)
@@ -300,7 +305,7 @@ class _Part:
     def distance(self) -> np.ndarray:
         """(n,) mm from the surface."""
         if self.problem.direction is None:
-            return self.at.residual
+            return self.linear.residual
         return (
             np.linalg.norm(self.problem.points - self.values[:-1, None], axis=0) - self.values[-1]
         )
@@ -308,19 +313,19 @@ class _Part:
     def plane_gain(self) -> float:
         """See `ball_form.plane_gain`."""
         place = self.part.place
-        sigma = one_sigma(self.at.sigma)
+        sigma = one_sigma(self.linear.sigma)
         sigma = sigma.take(place) if np.ndim(sigma) else sigma
         ball = float(np.square(self.distance.take(place) / sigma).sum())
         return plane_gain(
-            self.problem.points, ball, self.at.sigma, self.used, self.problem.direction
+            self.problem.points, ball, self.linear.sigma, self.used, self.problem.direction
         )
 
     def form(self, lasting: float) -> Form:
         """See `ball_form.low_orders`; of the points' own errors."""
-        some = some_of(self.part.place)
-        normal = self.at.normal[:, some]
-        rows = self.at.rows[:, some]
-        return low_orders(normal, self.white[some], self.at.sigma[some], rows, lasting)
+        sample = some_of(self.part.place)
+        normal = self.linear.normal[:, sample]
+        rows = self.linear.rows[:, sample]
+        return low_orders(normal, self.white[sample], self.linear.sigma[sample], rows, lasting)
 
     def covariance(self, groups, ordered, with_shared_errors):
         """(4, 4) mm^2, of the points' errors where none is given; rows of a known radius are 0."""
@@ -339,17 +344,17 @@ class _Part:
         n = len(present)
         degrees = max(len(self.part.place) - problem.size, 1)
         sigma_scale = float(np.sqrt(self.part.white @ self.part.white / degrees))
-        noise_bias = bias(problem, self.at, self.part, self.values[-1], sigma_scale)
+        noise_bias = bias(problem, self.linear, self.part, self.values[-1], sigma_scale)
         noise_bias = np.pad(noise_bias, (0, len(self.values) - len(noise_bias)))
         distance = self.distance
         residual = np.full(n, np.nan)
         reason = np.full(n, MISSING, np.uint8)
-        codes = self.trim.codes(self.values, self.at.normal)
+        codes = self.trim.codes(self.values, self.linear.normal)
         np.copyto(codes, OUTLIER, where=(codes == USED) & ~used)
         present_columns = slice(None) if present.all() else present
         residual[present_columns], reason[present_columns] = distance, codes
         squares = float(np.square(distance.take(self.part.place)).sum())
-        cap, coverage = seen_extent(self.at.normal, self.part.place, self.trim.view)
+        cap, coverage = seen_extent(self.linear.normal, self.part.place, self.trim.view)
         cut = 0 if at_limit is None else int((at_limit & used).sum())
         values = self.values - noise_bias
         shape_warnings = _misshapen(shape)

@@ -12,7 +12,7 @@ UNLIKELY = 1e-3
 """Probability below which a form is not put down to chance."""
 _ENOUGH = 5000  # points
 _RANK = 1e-8
-_ALONG = 1e-3  # sine of the angle between a plane and lines in it
+_MAX_SINE = 1e-3  # sine of the angle between a plane and lines in it
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ def plane_gain(
     d = len(points)
     moments = np.zeros((d + 1, d + 1))
     sigma = one_sigma(sigma)
-    near = np.ones((d + 1, min(BLOCK, points.shape[1])))
+    plane_rows = np.ones((d + 1, min(BLOCK, points.shape[1])))
     for block in blocks(points.shape[1]):
         block_sigma = sigma[block] if np.ndim(sigma) else sigma
         weight = used[block] / block_sigma**2
-        part = near[:, : len(weight)]
+        part = plane_rows[:, : len(weight)]
         np.subtract(points[:, block], first, out=part[:-1])
         moments += (part * weight) @ part.T
     mean = moments[:-1, -1]
@@ -49,7 +49,7 @@ def plane_gain(
     scatter = moments[:-1, :-1] - np.outer(mean, mean) / total
     values, normals = symmetric_eigen(scatter)
     place = 0
-    if direction is not None and np.abs(normals[:, 0] @ direction[:, used]).max() < _ALONG:
+    if direction is not None and np.abs(normals[:, 0] @ direction[:, used]).max() < _MAX_SINE:
         place = 1
     plane = float(values[place])
     noise = max(min(plane, ball) / max(int(used.sum()) - d, 1), 1e-300)

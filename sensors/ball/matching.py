@@ -36,7 +36,7 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5) -> Ma
     """
     found = np.asarray(found, float)
     artefact = np.asarray(artefact, float)
-    assignments = _assignments(_apart(found), _apart(artefact), tolerance)
+    assignments = _assignments(_pair_distances(found), _pair_distances(artefact), tolerance)
     fits = sorted(
         ((_rigid_rms(found, artefact, assignment), k) for k, assignment in enumerate(assignments))
     )
@@ -53,20 +53,20 @@ def match(found: np.ndarray, artefact: np.ndarray, tolerance: float = 0.5) -> Ma
     return Match(best, fits[0][0], others, _match_outcome(best, fits[0][0], others))
 
 
-def _apart(centres):
+def _pair_distances(centres):
     return np.linalg.norm(centres[:, :, None] - centres[:, None], axis=0)
 
 
-def _assignments(found, artefact, tolerance, most=50_000):
+def _assignments(found, artefact, tolerance, max_count=50_000):
     """Every assignment (k,) of the largest number of balls whose distances all agree.
 
-    Depth first, and no more than `most` partial ones: some of many balls without any order are still found.
+    Depth first, and no more than `max_count` partial ones: some of many balls without any order are still found.
     """
     k = len(found)
     complete = []
     size = 0
     stack = [np.zeros(0, int)]
-    for _ in range(most):
+    for _ in range(max_count):
         if not stack:
             break
         assignment = stack.pop()

@@ -25,16 +25,16 @@ def plane_error(
     return Shared(np.asarray(steps), -shift[:, None] * stretch, np.asarray(covariance), unknown)
 
 
-def stripe_error(error: np.ndarray, steps: np.ndarray, along: np.ndarray) -> np.ndarray:
+def stripe_error(error: np.ndarray, steps: np.ndarray, stripe_place: np.ndarray) -> np.ndarray:
     """(2, 3, n) mm by which a stripe's points move when it is shifted, and tilted along itself, by 1 px at its ends.
 
     `error` (3, n) mm for 1 px of a centre, along its line in the light plane; `steps` (n,) int of the
-    stripes, `along` (n,) px places along them.
+    stripes, `stripe_place` (n,) px places along them.
     """
     steps = np.unique(steps, return_inverse=True)[1]
     low = np.full(steps.max(initial=-1) + 1, np.inf)
     high = np.full(steps.max(initial=-1) + 1, -np.inf)
-    np.minimum.at(low, steps, along)
-    np.maximum.at(high, steps, along)
-    tilt = (along - (low + high)[steps] / 2) / np.maximum((high - low)[steps] / 2, 1.0)
+    np.minimum.at(low, steps, stripe_place)
+    np.maximum.at(high, steps, stripe_place)
+    tilt = (stripe_place - (low + high)[steps] / 2) / np.maximum((high - low)[steps] / 2, 1.0)
     return np.stack([error, error * tilt])

@@ -6,13 +6,13 @@ import numpy as np
 
 from sensors.ball.extent import shell
 
-USED, EDGE, INCIDENCE, OUTLIER, MISSING, ELSEWHERE = range(6)
+USED, EDGE, INCIDENCE, OUTLIER, MISSING, NOT_ON_BALL = range(6)
 REASONS = {
     EDGE: "edge",
     INCIDENCE: "incidence",
     OUTLIER: "outlier",
     MISSING: "missing",
-    ELSEWHERE: "elsewhere",
+    NOT_ON_BALL: "elsewhere",
 }
 
 
@@ -97,4 +97,4 @@ class BallFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-__all__ = ["EDGE", "ELSEWHERE", "INCIDENCE", "MISSING", "OUTLIER", "REASONS", "USED", "BallFit"]
+__all__ = ["EDGE", "NOT_ON_BALL", "INCIDENCE", "MISSING", "OUTLIER", "REASONS", "USED", "BallFit"]

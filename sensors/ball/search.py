@@ -6,7 +6,7 @@ import numpy as np
 
 from sensors.ball.arcs import Arcs, centres_of
 from sensors.ball.fit import fit_ball
-from sensors.ball.result import ELSEWHERE, BallFit
+from sensors.ball.result import NOT_ON_BALL, BallFit
 from sensors.ball.single_stripe import (
     LEAST_ARC,
     Widths,
@@ -30,7 +30,7 @@ _STEEPEST = np.deg2rad(75)
 # Stripes among a point's neighbours below which they make no normal.
 _FEW_STRIPES = 4
 # Nothing is inside a solid ball; directions of its points spread two ways (a post's only one).
-_INSIDE = 0.85
+_INNER_RADIUS = 0.85
 _INSIDE_SHARE = 0.1
 _SPREAD = np.sin(np.deg2rad(4)) ** 2
 
@@ -39,7 +39,7 @@ def find_balls(
     points: np.ndarray,
     radii=None,
     *,
-    between: tuple[float, float] | None = None,
+    radius_range: tuple[float, float] | None = None,
     sigma=None,
     view=None,
     at_limit=None,
@@ -53,7 +53,7 @@ def find_balls(
 ) -> list[BallFit]:
     """The balls in points (3, n) mm, or organised (3, H, W) with nan where nothing was seen; most points first.
 
-    `radii` mm that occur (one or several), or `between` (smallest, largest) mm where they are not known;
+    `radii` mm that occur (one or several), or `radius_range` (smallest, largest) mm where they are not known;
     with neither, from 5 times the points' spacing to 0.6 of the cloud's extent. `view` (3,) or (3, n)
     direction in which the sensor looks; without it the points are in the camera's frame. `at_limit` (n,)
     True for points at the limit of the field; of an organised scan these are the border's. `free`: fit
@@ -79,7 +79,7 @@ def find_balls(
     rays = _rays(points, view)
     known = None if radii is None else sorted({float(r) for r in np.atleast_1d(radii)})
     cloud = ThinnedCloud(
-        points[:, present], rays[:, present], _range(points[:, present], known, between), seed
+        points[:, present], rays[:, present], _range(points[:, present], known, radius_range), seed
     )
     peaks = (
         [peak for radius in known for peak in cloud.of_radius(radius)]
@@ -122,7 +122,7 @@ def _rays(points, view):
     return rays / np.maximum(np.linalg.norm(rays, axis=0), 1e-300)
 
 
-def _range(points, known, between):
+def _range(points, known, radius_range):
     """Smallest and largest radius to look for, mm."""
     from scipy.spatial import cKDTree
 
@@ -130,15 +130,15 @@ def _range(points, known, between):
         raise InputError(
             f"radii: expected positive lengths in mm, found {known}; measure the balls again"
         )
-    if between is not None and not 0 < between[0] < between[1] < np.inf:
+    if radius_range is not None and not 0 < radius_range[0] < radius_range[1] < np.inf:
         raise InputError(
-            f"between: expected a smaller and a larger radius in mm, found {between}; give both"
+            f"between: expected a smaller and a larger radius in mm, found {radius_range}; give both"
         )
-    if known is not None or between is not None:
-        return (known[0], known[-1]) if known is not None else between
-    some = np.random.default_rng(0).permutation(points.shape[1])[:MOST_POINTS]
-    spacing = np.median(cKDTree(points[:, some].T).query(points[:, some[:2000]].T, 2)[0][:, 1])
-    spacing *= np.sqrt(len(some) / points.shape[1])  # points on surfaces
+    if known is not None or radius_range is not None:
+        return (known[0], known[-1]) if known is not None else radius_range
+    sample = np.random.default_rng(0).permutation(points.shape[1])[:MOST_POINTS]
+    spacing = np.median(cKDTree(points[:, sample].T).query(points[:, sample[:2000]].T, 2)[0][:, 1])
+    spacing *= np.sqrt(len(sample) / points.shape[1])  # points on surfaces
     return _SMALLEST * spacing, max(
         np.ptp(np.quantile(points, [0.01, 0.99], axis=1), axis=0).max() * 0.6, 30 * spacing
     )
@@ -182,17 +182,17 @@ class _Search:
         self.stripe: np.ndarray | None = None
         self.widths: Widths | None = None
 
-    def confirmed(self, cloud, peaks, at=None, found=()) -> list[BallFit]:
+    def confirmed(self, cloud, peaks, fit_candidate=None, found=()) -> list[BallFit]:
         """Balls among the candidates and those `found` before, most points first; a point belongs to one ball only.
 
-        at: gives the ball at a candidate, `about_peak` where it is None.
+        fit_candidate: gives the ball at a candidate, `about_peak` where it is None.
         """
         found, unassigned = list(found), self.left(found)
-        at = at or self.about_peak
+        fit_candidate = fit_candidate or self.about_peak
         for _, centre, radius in sorted(peaks, key=lambda peak: -peak[0] / peak[2] ** 2):
             if any(np.linalg.norm(centre - ball.centre) < 0.5 * ball.radius for ball in found):
                 continue
-            ball = at(cloud, centre, radius, unassigned)
+            ball = fit_candidate(cloud, centre, radius, unassigned)
             if ball is not None and all(
                 np.linalg.norm(ball.centre - other.centre) > 0.5 * other.radius for other in found
             ):
@@ -222,8 +222,8 @@ class _Search:
     def _is_sparse(self, cloud, unassigned) -> bool:
         """Whether enough points that are `left` (n,) have neighbours on too few stripes for a normal."""
         present = np.flatnonzero(np.isfinite(self.points.sum(0)))[cloud.chosen]
-        near = np.sort(self.stripe[present][cloud.near], axis=1)
-        stripes = 1 + (np.diff(near, axis=1) != 0).sum(1)
+        stripe_of_neighbours = np.sort(self.stripe[present][cloud.neighbours], axis=1)
+        stripes = 1 + (np.diff(stripe_of_neighbours, axis=1) != 0).sum(1)
         return int((unassigned[present] & (stripes < _FEW_STRIPES)).sum()) >= LEAST_POINTS
 
     def without_found(self, found) -> "list[Refusal]":
@@ -231,10 +231,10 @@ class _Search:
         unassigned = self.left(found, _NARROW)
         refused = []
         latest_first = list(self._supported(unassigned))[::-1]
-        for ball, near in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
-            if (near & unassigned).sum() >= LEAST_POINTS:
-                refused.append(replace(ball, points=int(near.sum())))
-                unassigned = unassigned & ~near
+        for ball, support in sorted(latest_first, key=lambda pair: -int(pair[1].sum())):
+            if (support & unassigned).sum() >= LEAST_POINTS:
+                refused.append(replace(ball, points=int(support.sum())))
+                unassigned = unassigned & ~support
         if refused or found or not self.refused:
             return refused
         return [max(self.refused, key=lambda ball: ball.points)]
@@ -247,21 +247,21 @@ class _Search:
 
     def about_peak(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a peak of votes, None where there is none."""
-        about = cloud.about(centre, radius)
-        if len(about) < LEAST_POINTS:
-            return self._refuse(centre, radius, len(about), "too few points face away from it")
-        return self._judged(cloud, cloud.points[:, about], centre, radius, unassigned)
+        support = cloud.support_of(centre, radius)
+        if len(support) < LEAST_POINTS:
+            return self._refuse(centre, radius, len(support), "too few points face away from it")
+        return self._refined_and_tested(cloud, cloud.points[:, support], centre, radius, unassigned)
 
     def on_arcs(self, cloud, centre, radius, unassigned) -> BallFit | None:
         """The ball at a candidate from arcs, None where there is none."""
         free = np.flatnonzero(unassigned)
         displacement = np.linalg.norm(self.points[:, free] - centre[:, None], axis=0)
-        about = free[np.abs(displacement - radius) < _NARROW * radius]
-        if len(about) < LEAST_POINTS:
-            return self._refuse(centre, radius, len(about), "too few points lie near its surface")
-        if alone := self._on_one_stripe(about):
-            return self._refuse(centre, radius, len(about), alone)
-        return self._judged(cloud, self.points[:, about], centre, radius, unassigned)
+        support = free[np.abs(displacement - radius) < _NARROW * radius]
+        if len(support) < LEAST_POINTS:
+            return self._refuse(centre, radius, len(support), "too few points lie near its surface")
+        if alone := self._on_one_stripe(support):
+            return self._refuse(centre, radius, len(support), alone)
+        return self._refined_and_tested(cloud, self.points[:, support], centre, radius, unassigned)
 
     def with_single_stripes(self, found) -> list[BallFit]:
         """With the balls of known radius that single stripes show, where the widths of the line tell which it is."""
@@ -279,13 +279,13 @@ class _Search:
 
     def _on_arc(self, place) -> BallFit | None:
         """The ball that the points `place` (k,) of one stripe lie on, None where there is none or it is not certain."""
-        on = np.zeros(self.points.shape[1], bool)
-        on[place] = True
+        is_on_arc = np.zeros(self.points.shape[1], bool)
+        is_on_arc[place] = True
         balls = []
         why = "they lie on no circle of a ball"
         for radius in self.known:
             for centre in centres_of(self.points[:, place], radius):
-                fit = self.fine(BallStart(centre, radius), radius, on, _STEEPEST)
+                fit = self.fine(BallStart(centre, radius), radius, is_on_arc, _STEEPEST)
                 if not fit:
                     why = fit.outcome
                 elif all(
@@ -305,12 +305,12 @@ class _Search:
     def _filled(self, fit) -> str:
         """Why a fit is no ball where points of the scan lie inside it, "" where they do not."""
         distance = np.linalg.norm(self.points - fit.centre[:, None], axis=0)
-        inside = int((distance < _INSIDE * fit.radius).sum())
-        if inside <= _INSIDE_SHARE * fit.inliers.sum():
+        inner_points = int((distance < _INNER_RADIUS * fit.radius).sum())
+        if inner_points <= _INSIDE_SHARE * fit.inliers.sum():
             return ""
-        return f"{inside} points lie inside it, as of a surface that is no ball"
+        return f"{inner_points} points lie inside it, as of a surface that is no ball"
 
-    def _judged(self, cloud, points, centre, radius, unassigned) -> BallFit | None:
+    def _refined_and_tested(self, cloud, points, centre, radius, unassigned) -> BallFit | None:
         """A rough fit to some points (3, k), judged, and then the fine one."""
         known = radius if self.known else None
         rough = fit_ball(points, radius=known, start=np.append(centre, radius))
@@ -360,7 +360,7 @@ class _Search:
         )
         box = box[gap < max(_NARROW * rough.radius, 6 * rough.rms)]
         start = np.append(rough.centre, rough.radius if radius is None else radius)
-        each = {
+        options = {
             name: value[..., box]
             if np.ndim(value) and np.shape(value)[-1] == self.points.shape[1]
             else value
@@ -372,11 +372,11 @@ class _Search:
             }.items()
         }
         fit = fit_ball(
-            self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **each
+            self.points[:, box], radius=radius, view=self.rays[:, box], start=start, **options
         )
         if not fit:
             return fit
-        reason = np.full(self.points.shape[1], ELSEWHERE, np.uint8)
+        reason = np.full(self.points.shape[1], NOT_ON_BALL, np.uint8)
         residual = np.full(self.points.shape[1], np.nan)
         reason[box], residual[box] = fit.reason, fit.residual
         return replace(fit, reason=reason, residual=residual)
@@ -387,12 +387,12 @@ class _Search:
         distance = np.linalg.norm(displacement, axis=0)
         gap = distance - fit.radius
         shell = np.abs(gap) < _NARROW * fit.radius
-        inside = int((distance < _INSIDE * fit.radius).sum())
+        inner_points = int((distance < _INNER_RADIUS * fit.radius).sum())
         if shell.sum() < LEAST_POINTS:
             return f"{shell.sum()} points lie near its surface, expected {LEAST_POINTS}"
-        if inside > _INSIDE_SHARE * shell.sum():
-            return f"{inside} points lie inside it, as of a surface that is no ball"
-        noise = np.median(np.abs(gap - gap[cloud.near[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
+        if inner_points > _INSIDE_SHARE * shell.sum():
+            return f"{inner_points} points lie inside it, as of a surface that is no ball"
+        noise = np.median(np.abs(gap - gap[cloud.neighbours[:, 1]])[shell]) / 0.67449 / np.sqrt(2)
         spread = symmetric_eigenvalues(np.cov(displacement[:, shell] / distance[shell]))
         if not fit.rms**2 - noise**2 < (self.form * fit.radius) ** 2:
             return (

@@ -16,7 +16,7 @@ from workbench.core.least_squares.linear_algebra import inverse_positive, solve_
 # Steps in all, and those in which spread and memory still change: they jump, and the fit would follow them for ever.
 _STEPS, _SETTLE = 40, 8
 # rounds of the variances, and by which part of them they may still change
-_ROUNDS, _STILL = 6, 0.05
+_ROUNDS, _CONVERGED = 6, 0.05
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Shared:
         groups = len(self.covariance) // k
         full = np.zeros((groups, k + m, groups, k + m))
         full[:, :k, :, :k] = np.reshape(self.covariance, (groups, k, groups, k))
-        each = np.arange(groups)
+        group_index = np.arange(groups)
         for kind in range(m):
-            full[each, k + kind, each, k + kind] = variance[kind]
+            full[group_index, k + kind, group_index, k + kind] = variance[kind]
         return replace(
             self,
             derivative=np.concatenate([self.derivative, derivative]),
@@ -123,7 +123,7 @@ class _Normal:
     """Normal equations of the ball and of the groups' errors, data only: (p, p), (p, kG), (kG, kG), (p,), (kG,)."""
 
     ball: np.ndarray
-    between: np.ndarray
+    ball_by_groups: np.ndarray
     groups: np.ndarray
     pull: np.ndarray
     pull_groups: np.ndarray
@@ -146,9 +146,9 @@ def solve_shared(
     for _ in range(_ROUNDS):
         before = variance
         variance = _variances(problem, fit[0], shared, fit[2])
-        if (np.abs(variance - before) <= _STILL * (variance + before)).all():
+        if (np.abs(variance - before) <= _CONVERGED * (variance + before)).all():
             break
-        start = replace(solved, values=fit[0].values, at=fit[0].at)
+        start = replace(solved, values=fit[0].values, linear=fit[0].linear)
         fit = _solve(problem, start, loss, shared.with_variances(variance), ordered)
     return fit[:2]
 
@@ -159,25 +159,25 @@ def _variances(problem, solved, shared, weight):
     R and g are those of the points' weights W, less what ball and known errors, with derivatives A and
     covariance K, take: Z'W Z - Z'W A K A'W Z and Z'W r - Z'W A K A'W r.
     """
-    known = _by_error(solved.at, shared)
-    unknown = _by_error(solved.at, replace(shared, derivative=shared.unknown))
+    known = _by_error(solved.linear, shared)
+    unknown = _by_error(solved.linear, replace(shared, derivative=shared.unknown))
     k = len(known)
     m = len(unknown)
     groups = int(shared.labels.max()) + 1
     normal = _normal(
-        solved.at, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m
+        solved.linear, problem.size, np.concatenate([known, unknown]), weight, shared.labels, k + m
     )
     kind = np.tile(np.arange(k + m), groups)
     old = kind < k
     new = kind >= k
     part = _Normal(
         normal.ball,
-        normal.between[:, old],
+        normal.ball_by_groups[:, old],
         normal.groups[np.ix_(old, old)],
         normal.pull,
         normal.pull_groups[old],
     )
-    absorbed = np.concatenate([normal.between[:, new], normal.groups[np.ix_(old, new)]])
+    absorbed = np.concatenate([normal.ball_by_groups[:, new], normal.groups[np.ix_(old, new)]])
     correction = absorbed.T @ _posterior(part, shared.covariance)
     new_block = normal.groups[np.ix_(new, new)] - correction @ absorbed
     pull = normal.pull_groups[new] - correction @ np.concatenate([part.pull, part.pull_groups])
@@ -187,21 +187,21 @@ def _variances(problem, solved, shared, weight):
 def _posterior(normal, covariance):
     """(p + kG, p + kG) covariance of ball and known errors."""
     inner = _inner(normal, covariance)
-    mixed = normal.between @ inner
-    ball = inverse_positive(normal.ball - mixed @ normal.between.T)
+    mixed = normal.ball_by_groups @ inner
+    ball = inverse_positive(normal.ball - mixed @ normal.ball_by_groups.T)
     return np.block([[ball, -ball @ mixed], [-mixed.T @ ball, inner + mixed.T @ ball @ mixed]])
 
 
 def _solve(problem, solved, loss, shared, ordered):
     """The fit, its covariance, and the points' weights, with errors of known covariance alone."""
     values = solved.values
-    at = solved.at
+    linear = solved.linear
     errors = np.zeros(len(shared.covariance))
-    by_error = _by_error(at, shared)
+    by_error = _by_error(linear, shared)
     keep = solved.keep
     k = len(by_error)
     for iteration in range(_STEPS):
-        whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
+        whitened = linear.residual / linear.sigma - _shift(by_error, errors, shared.labels)
         if iteration < _SETTLE:
             keep = solved.keep & np.isfinite(whitened)
             scale = max(spread(whitened[keep], problem.size), 1e-12 * values[-1])
@@ -210,40 +210,45 @@ def _solve(problem, solved, loss, shared, ordered):
             # at first the groups' errors are still in the residuals, and last as long as a stripe
             lasting = memory(whitened[keep & (weight > 0)]) if ordered and iteration > 0 else 1.0
         weight = keep * weight / (scale**2 * lasting)
-        normal = _normal(at, problem.size, by_error, weight, shared.labels, k)
+        normal = _normal(linear, problem.size, by_error, weight, shared.labels, k)
         move, errors = _move(normal, shared.covariance)
         values = values.copy()
         values[: problem.size] += move
-        at = linearise(problem, values)
-        keep = keep & np.isfinite(at.residual)
+        linear = linearise(problem, values)
+        keep = keep & np.isfinite(linear.residual)
         step = float(np.sqrt(move @ normal.ball @ move))
         if step < 3e-3 and iteration > 1:
             break
-    whitened = at.residual / at.sigma - _shift(by_error, errors, shared.labels)
-    with_errors = Solved(values, scale, keep, at, whitened, step)
+    whitened = linear.residual / linear.sigma - _shift(by_error, errors, shared.labels)
+    with_errors = Solved(values, scale, keep, linear, whitened, step)
     return with_errors, _covariance(problem, with_errors, by_error, loss, shared, lasting), weight
 
 
-def _by_error(at: Linear, shared: Shared) -> np.ndarray:
+def _by_error(linear: Linear, shared: Shared) -> np.ndarray:
     """(k, n) change of the whitened residuals for one unit of each error of their group."""
     d = shared.derivative.shape[1]
-    return np.einsum("dn,kdn->kn", at.rows[:d], shared.derivative) / at.sigma
+    return np.einsum("dn,kdn->kn", linear.rows[:d], shared.derivative) / linear.sigma
 
 
 def _shift(by_error, errors, labels):
     return (by_error * errors.reshape(-1, len(by_error))[labels].T).sum(0)
 
 
-def _normal(at, size, by_error, weight, labels, k) -> _Normal:
-    rows = at.rows[:size] / at.sigma
-    residual = np.where(weight > 0, at.residual / at.sigma, 0)
+def _normal(linear, size, by_error, weight, labels, k) -> _Normal:
+    rows = linear.rows[:size] / linear.sigma
+    residual = np.where(weight > 0, linear.residual / linear.sigma, 0)
     count = labels.max() + 1
 
-    def sums(each):  # (len(each), kG): over each group, times how its errors move the residuals
+    def sums(
+        weighted_rows,
+    ):  # (len(each), kG): over each group, times how its errors move the residuals
         sums = np.array(
-            [[np.bincount(labels, row * error, count) for error in by_error] for row in each]
+            [
+                [np.bincount(labels, row * error, count) for error in by_error]
+                for row in weighted_rows
+            ]
         )
-        return sums.transpose(0, 2, 1).reshape(len(each), -1)
+        return sums.transpose(0, 2, 1).reshape(len(weighted_rows), -1)
 
     blocks = sums(by_error * weight).reshape(k, count, k)
     groups = np.zeros((count, k, count, k))
@@ -265,10 +270,10 @@ def _inner(normal, covariance):
 def _move(normal, covariance):
     """Step (p,) of the ball, and errors (kG,) of the groups."""
     inner = _inner(normal, covariance)
-    schur = normal.ball - normal.between @ inner @ normal.between.T
-    pull = normal.pull - normal.between @ inner @ normal.pull_groups
+    schur = normal.ball - normal.ball_by_groups @ inner @ normal.ball_by_groups.T
+    pull = normal.pull - normal.ball_by_groups @ inner @ normal.pull_groups
     move = solve_positive(schur, pull)
-    return move, inner @ (normal.pull_groups - normal.between.T @ move)
+    return move, inner @ (normal.pull_groups - normal.ball_by_groups.T @ move)
 
 
 def _covariance(problem, solved, by_error, loss, shared, lasting):
@@ -281,7 +286,7 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
 
     def normal(variance):
         return _normal(
-            solved.at, problem.size, by_error, used / variance, shared.labels, len(by_error)
+            solved.linear, problem.size, by_error, used / variance, shared.labels, len(by_error)
         )
 
     first = normal(variance)
@@ -289,21 +294,21 @@ def _covariance(problem, solved, by_error, loss, shared, lasting):
     independent = used.sum() / lasting
     variance = variance * independent / max(independent - problem.size - degrees_used, 1)
     last = normal(variance)
-    mixed = last.between @ _inner(last, shared.covariance)
-    ball_covariance = inverse_positive(last.ball - mixed @ last.between.T)
+    mixed = last.ball_by_groups @ _inner(last, shared.covariance)
+    ball_covariance = inverse_positive(last.ball - mixed @ last.ball_by_groups.T)
     if shared.common is None:
         return ball_covariance
-    by_group = ball_covariance @ (last.between - mixed @ last.groups)
+    by_group = ball_covariance @ (last.ball_by_groups - mixed @ last.groups)
     by_common = ball_covariance @ _pull_of_common(
-        problem, solved.at, by_error, used / variance, shared, mixed
+        problem, solved.linear, by_error, used / variance, shared, mixed
     )
     return ball_covariance + _by_common(shared.common, by_common, by_group)
 
 
-def _pull_of_common(problem, at: Linear, by_error, weight, shared: Shared, mixed) -> np.ndarray:
+def _pull_of_common(problem, linear: Linear, by_error, weight, shared: Shared, mixed) -> np.ndarray:
     """(size, m) right-hand side of the ball's normal equations for one unit of each common error."""
-    common = _by_error(at, replace(shared, derivative=shared.common.derivative)) * weight
-    rows = at.rows[: problem.size] / at.sigma
+    common = _by_error(linear, replace(shared, derivative=shared.common.derivative)) * weight
+    rows = linear.rows[: problem.size] / linear.sigma
     count = int(shared.labels.max()) + 1
     pull = np.empty((count, len(by_error), len(common)))
     for kind, error in enumerate(by_error):

@@ -25,11 +25,11 @@ LEAST_ARC = 20
 """Points of an arc from which on widths tell which ball it lies on."""
 FEW_STRIPES = 3
 """Stripes up to which a ball has to be determined, and its lines as wide as on a ball, to count as found."""
-_ALIKE, _CHANCE = (
+_RADIUS_TOLERANCE, _CHANCE = (
     0.05,
     4.0,
 )  # part of a known radius, and sigmas, by which that of the points may differ
-_BEYOND = 0.5  # outliers, of the points used
+_MAX_OUTLIER_SHARE = 0.5  # outliers, of the points used
 _OFFSET = 0.08  # ln of width^2
 _GRAIN = 5  # rows that a grain of speckle lasts at most: neighbours in it tell the same
 _LEAST_SCATTER = 0.01
@@ -80,9 +80,9 @@ def _common(offset, ratios, variance):
 
 def _medians(ratios):
     """(m,) median of each row's finite values, infinite where most are not."""
-    few = np.isfinite(ratios).mean(1) < 0.5
-    filled = np.where(few[:, None], 0.0, ratios)
-    return np.where(few, np.inf, np.nanmedian(filled, axis=1))
+    is_mostly_missing = np.isfinite(ratios).mean(1) < 0.5
+    filled = np.where(is_mostly_missing[:, None], 0.0, ratios)
+    return np.where(is_mostly_missing, np.inf, np.nanmedian(filled, axis=1))
 
 
 def _scatter(row, middle) -> float:
@@ -156,10 +156,10 @@ def unlike_few(fit: BallFit, radius: float, stripe: np.ndarray, widths: Widths |
     stripe_of_inliers = stripe[fit.inliers]
     if len(np.unique(stripe_of_inliers)) > FEW_STRIPES:
         return ""
-    if abs(fit.radius - radius) > max(_ALIKE * radius, _CHANCE * float(fit.std[-1])):
+    if abs(fit.radius - radius) > max(_RADIUS_TOLERANCE * radius, _CHANCE * float(fit.std[-1])):
         return f"its points lie on a ball of radius {fit.radius:.4g} mm"
     outlier_count = int((fit.reason == OUTLIER).sum())
-    if outlier_count > _BEYOND * len(stripe_of_inliers):
+    if outlier_count > _MAX_OUTLIER_SHARE * len(stripe_of_inliers):
         return (
             f"{outlier_count} points near its surface do not lie on it, {len(stripe_of_inliers)} do"
         )

@@ -21,7 +21,7 @@ _SUBSET = 5000
 # Sigmas: a fit is settled where a step is shorter.
 _SETTLED = 3e-3
 # Newton steps on all points after a fit of a part of them: so many, of at most so many sigmas.
-_REFINEMENTS, _FAR = 4, 30.0
+_REFINEMENTS, _LONGEST_STEP = 4, 30.0
 # A Newton step of L sigmas leaves about 0.02 L^2 / sqrt(n) sigmas: up to this L^2 / sqrt(n) it is the last.
 _LAST = 0.3
 # Points of which a spread or a cap is taken: it is then good to half a per cent.
@@ -91,15 +91,15 @@ def _along_lines(problem, displacement, radius) -> Linear:
     The line does not depend on the error, so neither do the rows: unlike the distance from the
     surface, weighted by the cosine, this leaves no bias of the order of sigma^2 / radius.
     """
-    along = np.einsum("dn,dn->n", displacement, problem.direction)
-    side = np.where(along < 0, -1.0, 1.0)
-    inside = radius**2 - np.einsum("dn,dn->n", displacement, displacement) + along**2
-    cosine = np.sqrt(np.maximum(inside, 0)) / radius
+    axial = np.einsum("dn,dn->n", displacement, problem.direction)
+    side = np.where(axial < 0, -1.0, 1.0)
+    squared_half_chord = radius**2 - np.einsum("dn,dn->n", displacement, displacement) + axial**2
+    cosine = np.sqrt(np.maximum(squared_half_chord, 0)) / radius
     hit = cosine > _GRAZING
-    back = along - side * radius * cosine
-    normal = (displacement - back * problem.direction) / radius
-    rows = np.concatenate([normal, np.ones((1, len(along)))]) / np.where(hit, cosine, 1)
-    return Linear(np.where(hit, side * back, np.inf), problem.sigma, rows, normal)
+    distance_to_surface = axial - side * radius * cosine
+    normal = (displacement - distance_to_surface * problem.direction) / radius
+    rows = np.concatenate([normal, np.ones((1, len(axial)))]) / np.where(hit, cosine, 1)
+    return Linear(np.where(hit, side * distance_to_surface, np.inf), problem.sigma, rows, normal)
 
 
 def huber(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -110,14 +110,14 @@ def huber(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def tukey(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Weight and slope of Tukey's biweight (Beaton & Tukey, Technometrics 16, 1974)."""
-    rest = z * (1 / _TUKEY)
-    np.square(rest, out=rest)
-    np.minimum(rest, 1, out=rest)
-    np.subtract(1, rest, out=rest)
-    slope = 5 * rest
+    complement = z * (1 / _TUKEY)
+    np.square(complement, out=complement)
+    np.minimum(complement, 1, out=complement)
+    np.subtract(1, complement, out=complement)
+    slope = 5 * complement
     slope -= 4
-    slope *= rest
-    return np.square(rest, out=rest), slope
+    slope *= complement
+    return np.square(complement, out=complement), slope
 
 
 def linear(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,8 +140,8 @@ def spread(white: np.ndarray, size: int) -> float:
         return np.nan
     scale = _middle(size_of) / _MEDIAN
     for _ in range(20):
-        near = size_of[: np.searchsorted(size_of, 3 * scale, "right")]
-        smaller = _middle(near) / _MEDIAN_CUT if len(near) > size else scale
+        core = size_of[: np.searchsorted(size_of, 3 * scale, "right")]
+        smaller = _middle(core) / _MEDIAN_CUT if len(core) > size else scale
         if smaller >= 0.999 * scale:
             break
         scale = smaller
@@ -167,7 +167,7 @@ class Solved:
     values: np.ndarray
     spread: float
     keep: np.ndarray
-    at: Linear
+    linear: Linear
     white: np.ndarray
     step: float | None = None
 
@@ -182,14 +182,14 @@ def solve(problem: Problem, values: np.ndarray, loss: Loss, trim: Callable) -> "
     n = problem.points.shape[1]
     if n > 4 * _SUBSET:
         part = slice(None, None, n // _SUBSET)
-        first = _rounds(problem.subset(part), values, loss, _on(trim, part))
+        first = _rounds(problem.subset(part), values, loss, _trim_of_part(trim, part))
         values = first.values
         if np.isfinite(first.spread) and (refined := _refined(problem, values, loss, trim)):
             return refined
-    return _rounds(problem, values, loss, _on(trim, slice(None)))
+    return _rounds(problem, values, loss, _trim_of_part(trim, slice(None)))
 
 
-def _on(trim, part):
+def _trim_of_part(trim, part):
     return lambda values, normal: trim(values, normal, part)
 
 
@@ -200,21 +200,21 @@ def _refined(problem, values, loss, trim) -> "Solved | None":
         now = _spread_of_some(problem, values, trim)
         scale = scale if abs(now - scale) <= 0.01 * scale else now
         move, length = _newton(problem, values, loss, scale, trim)
-        if not length < _FAR:
+        if not length < _LONGEST_STEP:
             return None
         values = values.copy()
         values[: problem.size] += move
         if length**2 < _LAST * np.sqrt(problem.points.shape[1]):
-            at = linearise(problem, values)
-            keep = trim(values, at.normal, slice(None))
-            return Solved(values, scale, keep, at, at.residual / at.sigma)
+            linear = linearise(problem, values)
+            keep = trim(values, linear.normal, slice(None))
+            return Solved(values, scale, keep, linear, linear.residual / linear.sigma)
     return None
 
 
 def _spread_of_some(problem, values, trim):
     part = slice(None, None, problem.points.shape[1] // _ENOUGH + 1)
-    at = linearise(problem.subset(part), values)
-    return spread((at.residual / at.sigma)[trim(values, at.normal, part)], problem.size)
+    linear = linearise(problem.subset(part), values)
+    return spread((linear.residual / linear.sigma)[trim(values, linear.normal, part)], problem.size)
 
 
 def _newton(problem, values, loss, scale, trim):
@@ -228,10 +228,10 @@ def _newton(problem, values, loss, scale, trim):
     normal = np.zeros((size, size))
     pull = np.zeros(size)
     for block in blocks(problem.points.shape[1]):
-        at = linearise(problem.subset(block), values)
-        keep = trim(values, at.normal, block) & np.isfinite(at.residual)
-        sigma = one_sigma(at.sigma)
-        white = at.residual / sigma
+        linear = linearise(problem.subset(block), values)
+        keep = trim(values, linear.normal, block) & np.isfinite(linear.residual)
+        sigma = one_sigma(linear.sigma)
+        white = linear.residual / sigma
         if not keep.all():
             white[~keep] = 0
         weight, slope = loss(white * (1 / max(scale, 1e-300)))
@@ -239,7 +239,7 @@ def _newton(problem, values, loss, scale, trim):
             weight, slope = weight * keep, slope * keep
         slopes = slopes + slope.sum()
         weights = weights + weight.sum()
-        rows = at.rows[:size]
+        rows = linear.rows[:size]
         slope /= sigma**2
         normal += (rows * slope) @ rows.T
         weight *= white
@@ -263,28 +263,28 @@ def blocks(n: int) -> Iterator[slice]:
 
 def _rounds(problem, values, loss, trim):
     """Spread and trimming, then a descent, until neither changes by more than the descent would notice."""
-    at = linearise(problem, values)
+    linear = linearise(problem, values)
     scale = np.nan
     keep = np.zeros(problem.points.shape[1], bool)
     before = keep
     for _ in range(_ROUNDS):
-        inliers = trim(values, at.normal)
+        inliers = trim(values, linear.normal)
         if inliers.sum() < problem.size:
-            return Solved(values, np.nan, inliers, at, at.residual)
-        now = spread((at.residual / at.sigma)[inliers], problem.size)
+            return Solved(values, np.nan, inliers, linear, linear.residual)
+        now = spread((linear.residual / linear.sigma)[inliers], problem.size)
         if not np.isfinite(now):  # no line of error meets the ball
-            return Solved(values, np.nan, inliers, at, at.residual)
+            return Solved(values, np.nan, inliers, linear, linear.residual)
         if abs(now - scale) <= 0.01 * scale and (inliers != before).sum() <= 1e-3 * len(keep):
             break
         scale = now
         before = inliers
-        values, at, keep = _descend(problem, values, at, loss, scale, inliers)
+        values, linear, keep = _descend(problem, values, linear, loss, scale, inliers)
         if not np.isfinite(values).all():
-            return Solved(values, np.nan, keep, at, at.residual)
-    return Solved(values, scale, keep, at, at.residual / at.sigma)
+            return Solved(values, np.nan, keep, linear, linear.residual)
+    return Solved(values, scale, keep, linear, linear.residual / linear.sigma)
 
 
-def _descend(problem, values, at, loss, scale, keep):
+def _descend(problem, values, linear, loss, scale, keep):
     """Gauss-Newton steps at one spread: the values reached, the problem there, and what of `keep` still counts.
 
     A point whose line of error comes to graze the ball is left out from there on: in and out, it
@@ -295,22 +295,22 @@ def _descend(problem, values, at, loss, scale, keep):
     """
     floor = max(scale, 1e-12 * values[-1])
     for _ in range(_STEPS):
-        weight, slope = loss(at.residual / (at.sigma * floor))
+        weight, slope = loss(linear.residual / (linear.sigma * floor))
         weight = keep * weight
         factor = np.clip((keep * slope).sum() / max(weight.sum(), 1e-300), 0.5, 1)
-        rows = at.rows[: problem.size]
-        weight /= at.sigma**2
+        rows = linear.rows[: problem.size]
+        weight /= linear.sigma**2
         weighted = rows * weight
         normal = weighted @ rows.T * factor
-        move = solve_positive(normal, weighted @ np.where(weight > 0, at.residual, 0))
+        move = solve_positive(normal, weighted @ np.where(weight > 0, linear.residual, 0))
         length = float(np.sqrt(move @ normal @ move)) / max(scale, 1e-300)
         values = values.copy()
         values[: problem.size] += move * min(1, 0.5 * values[-1] / max(np.abs(move).max(), 1e-300))
-        at = linearise(problem, values)
-        keep = keep & np.isfinite(at.residual)
+        linear = linearise(problem, values)
+        keep = keep & np.isfinite(linear.residual)
         if length < _SETTLED or np.abs(move).max() < 1e-12 * values[-1] or not np.isfinite(length):
             break
-    return values, at, keep
+    return values, linear, keep
 
 
 @dataclass(frozen=True)
@@ -331,8 +331,8 @@ def used_part(problem: Problem, solved: Solved, loss: Loss) -> tuple[np.ndarray,
     weight, slope = loss(solved.white / solved.spread)
     used = solved.keep & (weight > 0)
     place = np.flatnonzero(used)
-    sigma = one_sigma(solved.at.sigma)
-    rows = solved.at.rows[: problem.size].take(place, 1)
+    sigma = one_sigma(solved.linear.sigma)
+    rows = solved.linear.rows[: problem.size].take(place, 1)
     rows /= sigma.take(place) if np.ndim(sigma) else sigma
     white = solved.white.take(place)
     slope = slope.take(place)
@@ -376,10 +376,10 @@ def _grouped(rows, score, slope, groups):
     blocks = np.array(
         [[np.bincount(label, row * other * slope) for other in rows] for row in rows]
     ).transpose(2, 0, 1)
-    rest = blocks.sum(0) - blocks
+    others_normal = blocks.sum(0) - blocks
     if count <= size:
         return np.full((size, size), np.inf)
-    moved = (inverse_positive(rest) @ sums[..., None])[..., 0]
+    moved = (inverse_positive(others_normal) @ sums[..., None])[..., 0]
     return moved.T @ moved * (count - 1) / count
 
 
@@ -399,7 +399,7 @@ def memory(white: np.ndarray) -> float:
     return float(max(1.0, 1 + 2 * correlation[1:end].sum()))
 
 
-def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) -> np.ndarray:
+def bias(problem: Problem, linear: Linear, part: Used, radius: float, scale: float) -> np.ndarray:
     """(size,) bias of second order in the noise, mm: take it off the estimate.
 
     Noise across the normal lengthens the distance from the centre by (tr S - u'Su) / 2r, S the
@@ -410,17 +410,17 @@ def bias(problem: Problem, at: Linear, part: Used, radius: float, scale: float) 
     bias_of_points = np.zeros(problem.size)
     if problem.direction is not None:
         return bias_of_points
-    sigma = one_sigma(at.sigma)
+    sigma = one_sigma(linear.sigma)
     sigma = sigma.take(part.place) if np.ndim(sigma) else sigma
     if problem.covariance is None:
-        pull = (part.rows * sigma).sum(1) * (len(at.normal) - 1) / 2
+        pull = (part.rows * sigma).sum(1) * (len(linear.normal) - 1) / 2
     else:
-        u = at.normal.take(part.place, 1)
+        u = linear.normal.take(part.place, 1)
         full_covariance = problem.covariance.take(part.place, 2)
         covariance_normal = np.einsum("den,en->dn", full_covariance, u)
-        across = covariance_normal - u * sigma**2
+        tangential = covariance_normal - u * sigma**2
         total = np.einsum("ddn->n", full_covariance)
-        bent = (total - sigma**2) / 2 - 2 * (covariance_normal * across).sum(0) / sigma**2
+        bent = (total - sigma**2) / 2 - 2 * (covariance_normal * tangential).sum(0) / sigma**2
         pull = part.rows @ (bent / sigma)
-        pull[: len(u)] += across @ sigma**-2
+        pull[: len(u)] += tangential @ sigma**-2
     return solve_positive(part.normal, pull / radius) * scale**2

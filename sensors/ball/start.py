@@ -5,9 +5,9 @@ import numpy as np
 from sensors.ball.solve import median
 
 _TRIES = 300
-_JUDGES = 2000
+_SCORING_POINTS = 2000
 _BEST = 8
-_FIRST_JUDGES = 250
+_FIRST_SCORING_POINTS = 250
 _LEFT = 40
 _DRAWN = 10_000
 # Less than half: with half of the points wrong, this share still lies on the ball.
@@ -32,16 +32,16 @@ def start(
     scaled = points - middle[:, None]
     size = float(median(np.sqrt(np.square(scaled).sum(0)))) or 1.0
     scaled /= size
-    judges = scaled[:, :_JUDGES]
+    scoring_points = scaled[:, :_SCORING_POINTS]
     known = None if radius is None else radius / size
     found = _sensible(_through(scaled, random), scaled, known)
     if not found.shape[1]:
         return None
-    found = found[:, np.argsort(_score(judges[:, :_FIRST_JUDGES], found))[:_LEFT]]
-    best = found[:, np.argsort(_score(judges, found))[:_BEST]]
-    again = algebraic(_nearest(judges, best)).T
-    both = np.concatenate([best, _sensible(again, scaled, known)], axis=1)
-    chosen = both[:, np.argmin(_score(judges, both))]
+    found = found[:, np.argsort(_score(scoring_points[:, :_FIRST_SCORING_POINTS], found))[:_LEFT]]
+    best = found[:, np.argsort(_score(scoring_points, found))[:_BEST]]
+    refitted = algebraic(_nearest(scoring_points, best)).T
+    all_candidates = np.concatenate([best, _sensible(refitted, scaled, known)], axis=1)
+    chosen = all_candidates[:, np.argmin(_score(scoring_points, all_candidates))]
     return np.append(chosen[:-1] * size + middle, chosen[-1] * size if radius is None else radius)
 
 
@@ -66,13 +66,13 @@ def _through(points, random):
     d, n = points.shape
     chosen = points[:, random.integers(0, n, (_TRIES, d + 1))]
     first = chosen[..., 0]
-    rest = chosen[..., 1:] - chosen[..., :1]
-    matrix = 2 * rest.transpose(1, 2, 0)
+    differences = chosen[..., 1:] - chosen[..., :1]
+    matrix = 2 * differences.transpose(1, 2, 0)
     size = max(np.abs(matrix).max(initial=0.0), 1e-300)
     fine = (
         np.abs(np.linalg.det(matrix / size)) > 1e-12
     )  # four points in one plane determine no sphere
-    centre = np.linalg.solve(matrix[fine], (rest**2).sum(0)[fine][..., None])[..., 0].T
+    centre = np.linalg.solve(matrix[fine], (differences**2).sum(0)[fine][..., None])[..., 0].T
     return np.concatenate([centre + first[:, fine], np.linalg.norm(centre, axis=0)[None]])
 
 

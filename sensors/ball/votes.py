@@ -28,18 +28,18 @@ _SHIFTS = 3  # of a peak to the mean of its votes
 class ThinnedCloud:
     """A thinned cloud with normals, and what its points vote for."""
 
-    def __init__(self, points, rays, between, seed):
+    def __init__(self, points, rays, radius_range, seed):
         from scipy.spatial import cKDTree
 
-        self.between = between
+        self.radius_range = radius_range
         random = np.random.default_rng(seed)
-        self.chosen, self.cell = _thinned(points, between[0] * _CELL, random)
+        self.chosen, self.cell = _thinned(points, radius_range[0] * _CELL, random)
         self.points = points[:, self.chosen]
         neighbours = min(_NEIGHBOURS, len(self.chosen))
-        spacing, self.near = cKDTree(self.points.T).query(self.points.T, neighbours)
+        spacing, self.neighbours = cKDTree(self.points.T).query(self.points.T, neighbours)
         # points scattered at random over a surface, one a cell, are half a cell from the next
         self.cell = max(self.cell, 2 * float(np.median(spacing[:, 1])))
-        self.normals = _normals(self.points, self.near)
+        self.normals = _normals(self.points, self.neighbours)
         along_ray = np.einsum("dn,dn->n", self.normals, rays[:, self.chosen])
         self.normals *= -np.sign(along_ray)
 
@@ -53,8 +53,8 @@ class ThinnedCloud:
         radius, misfit = self._local_radii()
         votes = self.points - radius * self.normals
         candidates = []
-        low = self.between[0]
-        while low < self.between[1]:
+        low = self.radius_range[0]
+        while low < self.radius_range[1]:
             is_above = radius > low / _RANGE_STEP**0.5
             is_below = radius < low * _RANGE_STEP**1.5
             chosen = (misfit < _MISFIT) & is_above & is_below
@@ -64,8 +64,8 @@ class ThinnedCloud:
 
     def _local_radii(self):
         """(n,) mm radius of the ball through each point and its neighbours, and (n,) its relative misfit."""
-        offsets = self.points[:, self.near] - self.points[:, :, None]
-        normal_change = self.normals[:, self.near] - self.normals[:, :, None]
+        offsets = self.points[:, self.neighbours] - self.points[:, :, None]
+        normal_change = self.normals[:, self.neighbours] - self.normals[:, :, None]
         bend = (normal_change**2).sum((0, 2))
         radius = (offsets * normal_change).sum((0, 2)) / np.maximum(bend, 1e-12)
         remainder = offsets - radius[:, None] * normal_change
@@ -81,7 +81,7 @@ class ThinnedCloud:
             return []
         size = float(np.median(radius))
         reach = _VOTE_CELL * size
-        least = max(LEAST_POINTS, _LEAST_SHARE * _CAP * (size / self.cell) ** 2)
+        min_votes = max(LEAST_POINTS, _LEAST_SHARE * _CAP * (size / self.cell) ** 2)
         cells = np.floor(votes / reach).astype(np.int64)
         places, counts = np.unique(cells, axis=1, return_counts=True)
         fullest = np.argsort(-counts, kind="stable")[:_PEAKS]
@@ -92,11 +92,11 @@ class ThinnedCloud:
                 neighbours = tree.query_ball_point(centre, reach)
                 centre = votes[:, neighbours].mean(1) if neighbours else centre
             is_new = all(np.linalg.norm(centre - other[1]) > reach for other in peaks)
-            if len(neighbours) >= least and is_new:
+            if len(neighbours) >= min_votes and is_new:
                 peaks.append((len(neighbours), centre, float(np.median(radius[neighbours]))))
         return sorted(peaks, key=lambda peak: -peak[0])
 
-    def about(self, centre, radius):
+    def support_of(self, centre, radius):
         """(m,) indices of points near this ball's surface, with normals that point away from its centre."""
         displacement = self.points - centre[:, None]
         distance = np.linalg.norm(displacement, axis=0)
@@ -121,10 +121,10 @@ def _thinned(points, cell, random):
         cell *= 1.05 * np.sqrt(len(first_of_cell) / MOST_POINTS)
 
 
-def _normals(points, near):
+def _normals(points, neighbours):
     """(3, n) unit normals, without sense, of the planes through each point's neighbours."""
-    around = points[:, near] - points[:, near].mean(2, keepdims=True)
-    matrix = np.einsum("dnk,enk->nde", around, around, optimize=True)
+    displacements = points[:, neighbours] - points[:, neighbours].mean(2, keepdims=True)
+    matrix = np.einsum("dnk,enk->nde", displacements, displacements, optimize=True)
     return symmetric_eigen(matrix)[1][:, :, 0].T.copy()
 
 

@@ -132,7 +132,7 @@ def _well_known(free: Adjustment, volume) -> np.ndarray:
     """(k,) steps whose planes are known nearly as well as most: at the sweep's ends few boards are in the light."""
     planes = free.board_stripes.planes
     points, step = field_points(free.camera, planes, *volume)
-    variance = plane_variance(planes, points, step, free.apart(volume).planes)
+    variance = plane_variance(planes, points, step, free.best_frame(volume).planes)
     count = np.bincount(step, minlength=planes.shape[1])
     with np.errstate(invalid="ignore"):
         mean = np.bincount(step, variance, planes.shape[1]) / count
@@ -223,6 +223,6 @@ def plane_differences(free: Adjustment, with_mirror: Adjustment, volume: tuple[f
     count = np.maximum(np.bincount(step, minlength=planes.shape[1]), 1)
     by_step = np.sqrt(np.bincount(step, distance**2, planes.shape[1]) / count)
     variance = plane_variance(
-        planes, points, step, free.apart(volume).planes - with_mirror.apart(volume).planes
+        planes, points, step, free.best_frame(volume).planes - with_mirror.best_frame(volume).planes
     )
     return by_step, float(np.sqrt((distance**2).mean())), float(np.sqrt(max(variance.mean(), 0.0)))

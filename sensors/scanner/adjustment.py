@@ -10,7 +10,7 @@ from sensors.camera.model import Camera
 from sensors.light.board_chain import BoardStripeChain
 from sensors.light.mirror import NAMES, MovedMirror
 from sensors.light.planes import in_tilts, moved, steps_family
-from sensors.scanner.errors import Apart, apart_from_frame
+from sensors.scanner.errors import BestFrameCovariance, covariance_in_best_frame
 from workbench.core.effect import Effect
 from workbench.core.least_squares.bundle import BundleFit, solve_bundle
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
@@ -62,9 +62,11 @@ class Adjustment:
         values, vectors = symmetric_eigen(self.fit.covariance)
         return rows @ (vectors * np.sqrt(np.maximum(values, 0)))
 
-    def apart(self, volume: tuple[float, float]) -> Apart:
+    def best_frame(self, volume: tuple[float, float]) -> BestFrameCovariance:
         """Covariance of the planes in the frame that fits best, and of that frame."""
-        return apart_from_frame(self.camera, self.board_stripes.planes, volume, self.joint())
+        return covariance_in_best_frame(
+            self.camera, self.board_stripes.planes, volume, self.joint()
+        )
 
     def _plane_rows(self):
         board_stripes = self.board_stripes
@@ -94,8 +96,8 @@ def models(
     corners: Corners, board_stripes: BoardStripeChain, effects: Sequence[Effect]
 ) -> tuple[Model, Model]:
     """The two models; effects of the light act on stripes alone."""
-    both = tuple(effect for effect in effects if effect.port in ON_BOTH)
-    return Model(corners, both), Model(board_stripes, tuple(effects))
+    common_effects = tuple(effect for effect in effects if effect.port in ON_BOTH)
+    return Model(corners, common_effects), Model(board_stripes, tuple(effects))
 
 
 def stripe_model(
@@ -111,15 +113,17 @@ def stripe_model(
 
 def shared(two: Sequence[Model], known: Parameters | None, free: Sequence[str]) -> Parameters:
     """One table for both models, at the chains' start and the effects' `known` values; all free but the mirror's."""
-    every = {p.key: p for model in two for p in model.parameters.table}
-    table = Parameters.of(every.values())
+    parameter_of_key = {p.key: p for model in two for p in model.parameters.table}
+    table = Parameters.of(parameter_of_key.values())
     for model in two:
         table = table.take_over(model.parameters)
     if known is not None:
-        effects = {key: known[key] for key in known.keys if key.count(".") > 1 and key in every}
+        effects = {
+            key: known[key] for key in known.keys if key.count(".") > 1 and key in parameter_of_key
+        }
         table = table.update(effects)
     table = table.free("*")
-    if any(key.startswith("mirror.") and key.count(".") == 1 for key in every):
+    if any(key.startswith("mirror.") and key.count(".") == 1 for key in parameter_of_key):
         table = table.fix(*(f"mirror.{name}" for name in NAMES if name not in free))
     return table
 
@@ -228,9 +232,9 @@ def adjust(
     return adjustment
 
 
-def _without_wrong(chain, fit: BundleFit, which: int):
-    white = np.sqrt(((fit.residual[which] / chain.sigma) ** 2).mean(0))
-    return chain.at(white <= _WRONG * max(fit.scales[which], 1e-12))
+def _without_wrong(chain, fit: BundleFit, model_index: int):
+    white = np.sqrt(((fit.residual[model_index] / chain.sigma) ** 2).mean(0))
+    return chain.at(white <= _WRONG * max(fit.scales[model_index], 1e-12))
 
 
 def fresh_start(

@@ -17,7 +17,7 @@ from sensors.scanner.residuals.misfit import Misfit, stripe_misfit
 from workbench.core.effect import Effect
 from workbench.core.text.uncertain import with_std
 
-_REST = 0.7  # of the lack of fit
+_MAX_REMAINING_SHARE = 0.7  # of the lack of fit
 _SIGNIFICANT = 5.0  # standard deviations
 _BETTER = 0.97  # of the held-out RMS
 
@@ -62,7 +62,10 @@ def _is_better(flat: ScannerCalibration, bowed: ScannerCalibration, misfit: Misf
     """Whether the bow removes much of the lack of fit, and predicts board poses that were left out better."""
     if flat.left_out is None or bowed.left_out is None:
         return False
-    rest = misfit_of(bowed)
-    removed = rest is not None and rest.total_px < _REST * misfit.total_px
+    remaining_misfit = misfit_of(bowed)
+    removed = (
+        remaining_misfit is not None
+        and remaining_misfit.total_px < _MAX_REMAINING_SHARE * misfit.total_px
+    )
     gain = bowed.left_out.rms_px < _BETTER * flat.left_out.rms_px
     return removed and bool(np.isfinite(bowed.left_out.rms_px)) and gain

@@ -15,7 +15,7 @@ from sensors.light.stationary_lines import Centres, StationaryLine, find_station
 from sensors.light.straight import straightened, unshaded
 from sensors.scanner.adjustment import Adjustment, adjust
 from sensors.scanner.check import LeftOut, leave_out, residuals
-from sensors.scanner.errors import Apart, field_points
+from sensors.scanner.errors import BestFrameCovariance, field_points
 from sensors.scanner.model import Scanner
 from sensors.scanner.residuals.line_dependence import LineDependence, line_dependence
 from sensors.scanner.residuals.rejected_points import RejectedPoints, rejected_points
@@ -39,7 +39,7 @@ _OFF_BOARD = "off the board"
 _FIXED = "next to a line that stays at one place of the image: a scratch or a reflection"
 _NO_PLANE = "their step's plane is not determined: fewer than two board poses, or one line"
 _WRONG = "wrong: far from their stripe centreline or from its light plane"
-_STILL = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
+_NO_ROTATION_RAD = 1e-6  # rad, below which commanded angles say nothing of how the mirror turns
 _LINE = 0.02  # second over first spread of a step's points below which they lie on one line, and make no plane
 
 
@@ -52,7 +52,7 @@ class ScannerCalibration:
     the board that were used or judged, `residual_px`, `residual_mm` (n,) of them against the
     result and `wrong` (n,) those left out; `rms_px`, `rms_mm` (S,) of each step's good points;
     `sigma_plane_mm` (S,) RMS over the working volume of each plane's 1 sigma in the camera's frame,
-    most of which is that frame's own and moves nothing against anything else: `apart` says what is
+    most of which is that frame's own and moves nothing against anything else: `best_frame` says what is
     left without it; the errors that points of a stripe share (`made.board_stripes.together`) are in both;
     `dropped` numbers of points, by reason; `volume` nearest and farthest depth, mm; `sentences` what was
     dropped, what is not determined and what was refused; `commanded` (S,) rad mirror angles of the steps as
@@ -75,7 +75,7 @@ class ScannerCalibration:
     rms_px: np.ndarray
     rms_mm: np.ndarray
     sigma_plane_mm: np.ndarray
-    apart: Apart
+    best_frame: BestFrameCovariance
     dropped: Mapping[str, int]
     volume: tuple[float, float]
     sentences: tuple[str, ...] = field(default_factory=tuple)
@@ -97,7 +97,7 @@ class ScannerCalibration:
     @property
     def sigma_apart_mm(self) -> np.ndarray:
         """(S,) mm, as `sigma_plane_mm` but in the frame that fits best: what planes err by against one another."""
-        return _over_volume(self.made, self.apart.planes, self.volume)
+        return _over_volume(self.made, self.best_frame.planes, self.volume)
 
     @property
     def sigma_stated_mm(self) -> np.ndarray:
@@ -151,36 +151,40 @@ def calibrate_scanner(
 
         camera = calibrate_camera(views, board, size, model, progress=progress)
     found = _prepared(camera, stripes, board)
-    every = (*camera.effects, *effects)
-    progress(f"light planes of {len(found.steps)} steps from {found.whole.n} points of stripes")
-    thin, _ = thinned(found.whole.at(~found.wrong))
-    still = tuple(
-        effect for effect in every if effect.where != "mirror" and effect.port != "mirror"
+    all_effects = (*camera.effects, *effects)
+    progress(
+        f"light planes of {len(found.steps)} steps from {found.all_stripes.n} points of stripes"
+    )
+    thin, _ = thinned(found.all_stripes.at(~found.wrong))
+    static_effects = tuple(
+        effect for effect in all_effects if effect.where != "mirror" and effect.port != "mirror"
     )
     corners = replace(camera.chain, sigma=camera.chain.sigma * camera.fit.scales[0])
-    free = with_shared_errors(adjust(corners, thin, still, camera.parameters, progress=progress))
+    free = with_shared_errors(
+        adjust(corners, thin, static_effects, camera.parameters, progress=progress)
+    )
     adjustment = free
     checked = None
     if mirror and len(found.steps) >= FEWEST:
-        by_step = found.commanded is None or np.ptp(found.commanded) < _STILL
+        by_step = found.commanded is None or np.ptp(found.commanded) < _NO_ROTATION_RAD
         numbers = found.steps.astype(float) if by_step else found.commanded
-        tried, checked = try_mirror(free, numbers, by_step, found.volume, every, progress)
+        tried, checked = try_mirror(free, numbers, by_step, found.volume, all_effects, progress)
         if checked.supported:
             found, tried = _unshaded(found, tried, checked.mirror.point)
             adjustment = with_shared_errors(tried)
-    held_out = leave_out(adjustment, found.whole, progress) if check else None
+    held_out = leave_out(adjustment, found.all_stripes, progress) if check else None
     return _result(camera, found, free, adjustment, checked, held_out, provenance)
 
 
 def _unshaded(found: "_Found", tried: Adjustment, light):
     """Stripes less what the light's slope on tilted boards pulls them by, where a mirror says where it comes from."""
-    there = replace(found.whole, poses=tried.board_stripes.poses)
-    shift = unshaded(there, found.line.plane_width_mm, light).pixels
+    at_poses = replace(found.all_stripes, poses=tried.board_stripes.poses)
+    shift = unshaded(at_poses, found.line.plane_width_mm, light).pixels
     board_stripes = replace(
         tried.board_stripes,
         pixels=unshaded(tried.board_stripes, found.line.plane_width_mm, light).pixels,
     )
-    return replace(found, whole=replace(found.whole, pixels=shift)), replace(
+    return replace(found, all_stripes=replace(found.all_stripes, pixels=shift)), replace(
         tried, board_stripes=board_stripes
     )
 
@@ -200,7 +204,7 @@ def _scanner(
         centre,
         plane_covariances.planes,
         found.volume,
-        found.whole.scan[:, 0],
+        found.all_stripes.scan[:, 0],
         dict(provenance or {}),
         plane_covariances.frame,
         stripes.shared_errors.named,
@@ -212,14 +216,14 @@ def _scanner(
 
 def _result(camera, found, free, adjustment, checked, held_out, provenance) -> ScannerCalibration:
     stripes = adjustment.board_stripes
-    last = replace(found.whole, angles=stripes.angles)
+    last = replace(found.all_stripes, angles=stripes.angles)
     last = last.moved(adjustment.camera, stripes.poses, stripes.planes, stripes.mirror)
     pixels, millimetres = residuals(adjustment, last)
     is_good = ~found.wrong & (
         np.abs(pixels) <= 5 * MEDIAN_TO_SIGMA * np.median(np.abs(pixels[~found.wrong]))
     )
     dropped = {**found.dropped, _WRONG: int((~is_good).sum())}
-    plane_covariances = adjustment.apart(found.volume)
+    plane_covariances = adjustment.best_frame(found.volume)
     centre = _centre_noise(last.at(is_good), pixels[is_good])
     scanner = _scanner(adjustment, found, plane_covariances, centre, provenance)
     about_fit = (
@@ -266,8 +270,8 @@ def _dependence(found: "_Found", last: BoardStripeChain, pixels, is_good) -> Lin
 
 
 def _on_shared(adjustment, centre):
-    together = adjustment.board_stripes.shared_errors
-    return [together.sentence, *together.too_much(centre)]
+    shared_errors = adjustment.board_stripes.shared_errors
+    return [shared_errors.sentence, *shared_errors.too_much(centre)]
 
 
 def _centre_noise(board_stripes, residual):
@@ -291,7 +295,7 @@ class _Found:
     """Stripe points on boards, sorted out: the chain at its start, its steps (S,) and their commanded angles, and
     `line` as of `straightened`; `shape` (2, n) as of `BoardStripes`."""
 
-    whole: BoardStripeChain
+    all_stripes: BoardStripeChain
     wrong: np.ndarray
     steps: np.ndarray
     commanded: np.ndarray | None
@@ -303,7 +307,7 @@ class _Found:
     @property
     def volume(self) -> tuple[float, float]:
         """Depths (mm) between which all but 2 % of the points were seen."""
-        low, high = np.quantile(self.whole.at_start.hits[2], [0.01, 0.99])
+        low, high = np.quantile(self.all_stripes.at_start.hits[2], [0.01, 0.99])
         return float(low), float(high)
 
 
@@ -311,23 +315,23 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     """Points whose board pose is known, that lie on the board, at steps whose plane they determine."""
     dropped: dict[str, int] = {}
     names = np.array(camera.placements)
-    retained = _less(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
+    retained = _retained(stripes, np.isin(stripes.placement, names), dropped, _NO_BOARD)
     order = np.argsort(names)
     group = order[np.searchsorted(names[order], retained.placement)]
-    here = _chain(camera, retained, board, group).at_start
-    on = on_the_board(board, here.on_board) & (here.depth > 0)
-    retained = _less(retained, on, dropped, _OFF_BOARD)
-    group, hits = group[on], here.hits[:, on]
-    _some(
+    at_start = _chain(camera, retained, board, group).at_start
+    is_on_board = on_the_board(board, at_start.on_board) & (at_start.depth > 0)
+    retained = _retained(retained, is_on_board, dropped, _OFF_BOARD)
+    group, hits = group[is_on_board], at_start.hits[:, is_on_board]
+    _refuse_none(
         retained,
         "points of the laser's line on a board that was seen",
         dropped,
         "see that `placement` of board and board-laser images agree",
     )
     lines, displaced = _stationary(camera, retained, group, hits[2])
-    retained = _less(retained, ~displaced, dropped, _FIXED)
+    retained = _retained(retained, ~displaced, dropped, _FIXED)
     group, hits = group[~displaced], hits[:, ~displaced]
-    _some(
+    _refuse_none(
         retained,
         "points of a laser line that moves in the image with the board",
         dropped,
@@ -335,10 +339,10 @@ def _prepared(camera, stripes: BoardStripes, board) -> _Found:
     )
     steps, step = np.unique(retained.step, return_inverse=True)
     planes, fine = _start_planes(hits, group, step, len(steps))
-    on = fine[step]
-    retained = _less(retained, on, dropped, _NO_PLANE)
-    group = group[on]
-    _some(
+    is_on_board = fine[step]
+    retained = _retained(retained, is_on_board, dropped, _NO_PLANE)
+    group = group[is_on_board]
+    _refuse_none(
         retained,
         f"a step seen in {_FEWEST_PLACEMENTS} board poses at different depths",
         dropped,
@@ -368,7 +372,7 @@ def _stationary(camera, stripes, group, depth):
     return find_stationary_lines(centres, camera.camera.fx)
 
 
-def _some(stripes, expected, dropped, remedy):
+def _refuse_none(stripes, expected, dropped, remedy):
     if not stripes.n:
         counts = (
             ", ".join(f"{number} points: {why}" for why, number in dropped.items())
@@ -377,7 +381,7 @@ def _some(stripes, expected, dropped, remedy):
         raise InputError(f"stripes on boards: expected {expected}, found none ({counts}); {remedy}")
 
 
-def _less(stripes, keep, dropped, why):
+def _retained(stripes, keep, dropped, why):
     if (~keep).any():
         dropped[why] = int((~keep).sum())
     return stripes.at(keep)
@@ -406,10 +410,15 @@ def _start_planes(points, group, step, count):
     planes = np.zeros((4, count))
     fine = np.zeros(count, bool)
     order = np.argsort(step, kind="stable")
-    for k, mine in enumerate(np.split(order, np.cumsum(np.bincount(step, minlength=count))[:-1])):
-        if len(mine) < _FEWEST_POINTS or len(np.unique(group[mine])) < _FEWEST_PLACEMENTS:
+    for k, points_of_step in enumerate(
+        np.split(order, np.cumsum(np.bincount(step, minlength=count))[:-1])
+    ):
+        if (
+            len(points_of_step) < _FEWEST_POINTS
+            or len(np.unique(group[points_of_step])) < _FEWEST_PLACEMENTS
+        ):
             continue
-        planes[:, k], spread = plane_through(points[:, mine])
+        planes[:, k], spread = plane_through(points[:, points_of_step])
         fine[k] = spread[1] > _LINE * spread[0] and planes[3, k] != 0
     return planes, fine
 

@@ -11,7 +11,7 @@ from workbench.core.distributions import MEDIAN_TO_SIGMA
 
 _FOLDS = 20
 _INLIER = 3.0  # robust sigmas
-_LEAST = 2  # board poses that a free plane needs
+_MIN_PLACEMENTS = 2  # board poses that a free plane needs
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class LeftOut:
     @property
     def share(self) -> float:
         """Of inliers among all points that could be judged."""
-        judged = np.isfinite(self.residual_mm)
-        return float(self.inlier.sum() / max(judged.sum(), 1))
+        is_tested = np.isfinite(self.residual_mm)
+        return float(self.inlier.sum() / max(is_tested.sum(), 1))
 
     @property
     def rms_mm(self) -> float:
@@ -82,22 +82,28 @@ def leave_out(
     for fold in range(folds):
         progress(f"board poses left out, {fold + 1} of {folds}")
         out = np.isin(all_stripes.labels["placement"], present[fold::folds])
-        pixels[out], millimetres[out] = _one(adjustment, all_stripes, present[fold::folds], out)
-    return _judged(folds, pixels, millimetres, all_stripes)
+        pixels[out], millimetres[out] = _fold_residuals(
+            adjustment, all_stripes, present[fold::folds], out
+        )
+    return _left_out_result(folds, pixels, millimetres, all_stripes)
 
 
-def _judged(folds, pixels, millimetres, all_stripes):
-    judged = np.isfinite(millimetres)
-    size = np.abs(np.where(judged, millimetres, np.inf))
-    inlier = size <= _INLIER * MEDIAN_TO_SIGMA * np.median(size[judged]) if judged.any() else judged
-    group = all_stripes.labels["placement"][judged]
+def _left_out_result(folds, pixels, millimetres, all_stripes):
+    is_tested = np.isfinite(millimetres)
+    size = np.abs(np.where(is_tested, millimetres, np.inf))
+    inlier = (
+        size <= _INLIER * MEDIAN_TO_SIGMA * np.median(size[is_tested])
+        if is_tested.any()
+        else is_tested
+    )
+    group = all_stripes.labels["placement"][is_tested]
     count = np.bincount(group, minlength=len(all_stripes.poses))
-    squares = np.bincount(group, millimetres[judged] ** 2, len(all_stripes.poses))
+    squares = np.bincount(group, millimetres[is_tested] ** 2, len(all_stripes.poses))
     with np.errstate(invalid="ignore", divide="ignore"):
         return LeftOut(folds, pixels, millimetres, inlier, np.sqrt(squares / count))
 
 
-def _one(adjustment, all_stripes, placements, out):
+def _fold_residuals(adjustment, all_stripes, placements, out):
     """Residuals in px and mm of the points `out` of some board poses, against planes made without them."""
     board_stripes = adjustment.board_stripes
     keep = ~np.isin(board_stripes.labels["placement"], placements)
@@ -117,7 +123,7 @@ def _one(adjustment, all_stripes, placements, out):
     )
     pixels, millimetres = residuals(training, held_out)
     if board_stripes.mirror is None:
-        known = _placements_of(board_stripes.at(keep)) >= _LEAST
+        known = _placements_of(board_stripes.at(keep)) >= _MIN_PLACEMENTS
         unknown = ~known[held_out.labels["step"]]
         pixels[unknown] = millimetres[unknown] = np.nan
     return pixels, millimetres

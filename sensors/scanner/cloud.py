@@ -31,8 +31,8 @@ class Cloud:
 
     def subset(self, chosen: np.ndarray) -> "Cloud":
         """The same of the chosen points."""
-        parts = {name: getattr(self, name)[..., chosen] for name in ("local", "pixels")}
-        return replace(self, **parts, steps=self.steps[chosen], image=self.image[chosen])
+        coordinates = {name: getattr(self, name)[..., chosen] for name in ("local", "pixels")}
+        return replace(self, **coordinates, steps=self.steps[chosen], image=self.image[chosen])
 
     @property
     def frame(self) -> str:
@@ -60,7 +60,7 @@ class Cloud:
         return self._common_directions(self.scanner.by_stripe(self.local, self.steps))
 
     @property
-    def along(self) -> np.ndarray:
+    def stripe_place(self) -> np.ndarray:
         """(n,) px: place along the stripe."""
         return self.pixels[1 if self.is_across_columns else 0]
 
@@ -83,7 +83,7 @@ class Cloud:
         covariance = self.scanner.covariance
         if covariance is None:  # the planes count as exact; what a stripe's centres share remains
             covariance = np.zeros((3 * planes.shape[1],) * 2)
-        stripe_errors = stripe_error(self.error, place, self.along)
+        stripe_errors = stripe_error(self.error, place, self.stripe_place)
         shared = plane_error(self.points, planes, place, covariance, stripe_errors)
         if self.scanner.rays is not None:
             shared = replace(shared, common=ray_error(self.scanner, self.points, place))
@@ -98,27 +98,33 @@ class Cloud:
         """
         if self.motion is None:
             return np.zeros((3, 3))
-        on = self.subset(used)
-        outward = on.points - centre[:, None]
+        on_ball = self.subset(used)
+        outward = on_ball.points - centre[:, None]
         outward = outward / np.linalg.norm(outward, axis=0)
-        return on.motion.centre_covariance(on.scanner, on.local, on._seen, outward)
+        return on_ball.motion.centre_covariance(
+            on_ball.scanner, on_ball.local, on_ball._seen, outward
+        )
 
     def common_radius_variance(self, fit: BallFit) -> float:
         """mm^2, variance of a fitted radius from the same errors; zero where neither sensor nor object moves."""
         if self.motion is None:
             return 0.0
-        on = self.subset(fit.inliers)
-        outward = on.points - fit.centre[:, None]
+        on_ball = self.subset(fit.inliers)
+        outward = on_ball.points - fit.centre[:, None]
         outward = outward / np.linalg.norm(outward, axis=0)
-        return on.motion.radius_variance(on.scanner, on.local, on._seen, outward)
+        return on_ball.motion.radius_variance(
+            on_ball.scanner, on_ball.local, on_ball._seen, outward
+        )
 
     def stated_variance(self, outward: np.ndarray) -> np.ndarray | None:
         """(n,) mm^2 by which points scatter along unit normals (3, n) by the stated error of each image's own pose;
         None where nothing moved."""
         if self.motion is None:
             return None
-        across = np.einsum("in,kin->kn", outward, self.motion.own_moves(self.points, self.image))
-        return np.einsum("kn,kl,ln->n", across, self.motion.own_covariance, across)
+        normal_moves = np.einsum(
+            "in,kin->kn", outward, self.motion.own_moves(self.points, self.image)
+        )
+        return np.einsum("kn,kl,ln->n", normal_moves, self.motion.own_covariance, normal_moves)
 
     @property
     def _seen(self) -> Seen:
@@ -153,9 +159,9 @@ class Cloud:
         """(3,) mm, see `light_on_ball`; the light that a line holds is its peak times its width."""
         outward = np.empty_like(self.local)
         for image in np.unique(self.image):
-            mine = self.image == image
+            is_of_image = self.image == image
             centre = ball[:3] if self.motion is None else self.motion.local(ball[:3], image)
-            outward[:, mine] = (self.local[:, mine] - centre[:, None]) / ball[3]
+            outward[:, is_of_image] = (self.local[:, is_of_image] - centre[:, None]) / ball[3]
         flux = line[2] * line[0] * np.abs(self._bend(ball, None).slope)
         return light_on_ball(self.scanner.planes[:, 0], outward, flux)
 
@@ -164,14 +170,17 @@ class Cloud:
             return self._bend_at(ball[:3], ball[3], light)
         order = np.argsort(self.image, kind="stable")
         images, first = np.unique(self.image[order], return_index=True)
-        parts = []
+        surface_lines = []
         for image, rows in zip(images, np.split(order, first[1:])):
             centre = self.motion.local(ball[:3], image)
-            parts.append(self.subset(rows)._bend_at(centre, ball[3], light))
-        back = np.argsort(order)
+            surface_lines.append(self.subset(rows)._bend_at(centre, ball[3], light))
+        original_order = np.argsort(order)
         names = [field.name for field in fields(SurfaceLine)]
         return SurfaceLine(
-            *(np.concatenate([getattr(part, n) for part in parts])[back] for n in names)
+            *(
+                np.concatenate([getattr(part, n) for part in surface_lines])[original_order]
+                for n in names
+            )
         )
 
     def _bend_at(self, centre: np.ndarray, radius: float, light: np.ndarray | None) -> SurfaceLine:

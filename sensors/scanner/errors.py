@@ -14,7 +14,7 @@ from workbench.core.rigid import nearest_rotation
 _DEPTHS = 7
 _PLACES = 15
 _FEWEST = 3  # points that a rigid motion needs
-_SOME = 3000  # points that stand for the working volume where all would take long
+_MAX_POINTS = 3000  # points that stand for the working volume where all would take long
 
 
 def cut(flat: np.ndarray, planes: np.ndarray) -> np.ndarray:
@@ -75,33 +75,37 @@ def by_plane(points: np.ndarray, planes: np.ndarray) -> np.ndarray:
 
 
 def field_points(
-    camera: Camera, planes: np.ndarray, near: float, far: float
+    camera: Camera, planes: np.ndarray, nearest_depth: float, farthest_depth: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(3, n) mm over the working volume and the column (n,) of `planes` (4, S) of each.
 
-    In every plane, at depths from `near` to `far`, places along the stripe that the image shows.
+    In every plane, at depths from `nearest_depth` to `farthest_depth`, places along the stripe that the image shows.
     """
-    depth, along = (
+    depth, place_share = (
         a.ravel()
-        for a in np.meshgrid(np.linspace(near, far, _DEPTHS), np.linspace(-0.5, 0.5, _PLACES))
+        for a in np.meshgrid(
+            np.linspace(nearest_depth, farthest_depth, _DEPTHS), np.linspace(-0.5, 0.5, _PLACES)
+        )
     )
     reach = np.hypot(*camera.size) / min(camera.fx, camera.fy)
-    across = (planes[:2] ** 2).sum(0)
+    squared_tangent = (planes[:2] ** 2).sum(0)
     nearest = (
-        -(np.outer(planes[2], depth) + planes[3][:, None]) / across[:, None] * planes[:2, :, None]
+        -(np.outer(planes[2], depth) + planes[3][:, None])
+        / squared_tangent[:, None]
+        * planes[:2, :, None]
     )
     direction = stripe_direction(planes)[:2, :, None]
     points_in_field = np.empty((3, planes.shape[1], len(depth)))
-    points_in_field[:2] = nearest + direction * (along * reach * depth)
+    points_in_field[:2] = nearest + direction * (place_share * reach * depth)
     points_in_field[2] = depth
     step = np.repeat(np.arange(planes.shape[1]), len(depth))
     points = points_in_field.reshape(3, -1)
     pixels = camera.project(points)
     size = np.array(camera.size)[:, None]
-    inside = ((pixels > 0) & (pixels < size - 1)).all(0) & (
+    is_in_image = ((pixels > 0) & (pixels < size - 1)).all(0) & (
         np.hypot(*points[:2]) < 0.6 * reach * points[2]
     )
-    return points[:, inside], step[inside]
+    return points[:, is_in_image], step[is_in_image]
 
 
 def frame_moves(points: np.ndarray) -> np.ndarray:
@@ -125,7 +129,7 @@ def plane_moves(planes: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Apart:
+class BestFrameCovariance:
     """Covariance of light planes when the scanner's frame may be laid where it fits best.
 
     `planes` (3 S, 3 S) covariance of their tilts (rad) and offsets (mm) in that frame; `frame` (6, 6)
@@ -140,9 +144,9 @@ class Apart:
     rays: np.ndarray
 
 
-def apart_from_frame(
+def covariance_in_best_frame(
     camera: Camera, planes: np.ndarray, volume: tuple[float, float], joint: np.ndarray
-) -> Apart:
+) -> BestFrameCovariance:
     """Part what a calibration leaves uncertain into a rigid motion of everything, and the rest.
 
     joint: (P + 3 S, D) factor of the covariance of the camera's values and the planes' tilts and
@@ -153,14 +157,15 @@ def apart_from_frame(
     """
     points, step = field_points(camera, planes, *volume)
     if not len(step):
-        near, far = volume
+        nearest_depth, farthest_depth = volume
         raise InputError(
-            f"light planes: expected planes that the image shows at depths of {near:.4g} to {far:.4g} mm, found none; "
-            "see that the line found in the images is the laser's, and no scratch, reflection or margin of the board"
+            f"light planes: expected planes that the image shows at depths of {nearest_depth:.4g} to "
+            f"{farthest_depth:.4g} mm, found none; see that the line found in the images is the laser's, and no "
+            "scratch, reflection or margin of the board"
         )
-    some = slice(None, None, -(-len(step) // _SOME))
-    points = points[:, some]
-    step = step[some]
+    sample = slice(None, None, -(-len(step) // _MAX_POINTS))
+    points = points[:, sample]
+    step = step[sample]
     step_planes = planes[:, step]
     count = len(camera.values)
     moves = np.einsum(
@@ -177,7 +182,7 @@ def apart_from_frame(
     rays = np.concatenate([joint[:count], laid])
     covariance = rays @ np.concatenate([rays, remainder]).T
     point = float(np.sqrt((moves**2).sum() / len(step)))
-    return Apart(remainder @ remainder.T, laid @ laid.T, point, covariance)
+    return BestFrameCovariance(remainder @ remainder.T, laid @ laid.T, point, covariance)
 
 
 def by_rays(camera: Camera, points: np.ndarray, planes: np.ndarray) -> np.ndarray:

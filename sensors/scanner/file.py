@@ -310,8 +310,8 @@ def _line(light: _Light, where: str) -> LineShape | None:
     return LineShape(*light.line_mm_px)
 
 
-def _wrong(what, expected, found, remedy) -> InputError:
-    return InputError(f"{what}: expected {expected}, found {found}; {remedy}")
+def _wrong(subject, expected, found, remedy) -> InputError:
+    return InputError(f"{subject}: expected {expected}, found {found}; {remedy}")
 
 
 def _short(value):

@@ -85,7 +85,7 @@ class Scanner:
 
     def places(self, steps: np.ndarray) -> np.ndarray:
         """(n,) column of `planes` for steps (n,), whole numbers; InputError where a step has no plane."""
-        steps = _whole(steps)
+        steps = _whole_numbers(steps)
         if self._table is None:
             order = np.argsort(self.steps)
             found = order[
@@ -138,10 +138,10 @@ class Scanner:
 
     def _check_surface(self, **given):
         for effect, _ in self.effects:
-            lacking = [name for name in effect.surface if given[name] is None]
-            if lacking:
+            missing = [name for name in effect.surface if given[name] is None]
+            if missing:
                 raise InputError(
-                    f"scanner, {effect.title}: expected {' and '.join(lacking)} of the surface at each "
+                    f"scanner, {effect.title}: expected {' and '.join(missing)} of the surface at each "
                     "point, found none; give them to reconstruct, or take the effect out"
                 )
 
@@ -153,12 +153,12 @@ class Scanner:
         }
         ray = self.camera.rays(pixels - change["pixel"]) + change["ray"]
         plane = self._moved_planes(place, change["mirror"]) + change["plane"][:4]
-        along = (stripe_direction(self.planes)[:, place] * ray).sum(0)
+        stripe_place = (stripe_direction(self.planes)[:, place] * ray).sum(0)
         facing = (plane[:3] * ray).sum(0)
         # root of k s^2 d^2 + n.r d + b = 0 that becomes -b / n.r for a flat light plane
-        under = facing**2 - 4 * change["plane"][4] * along**2 * plane[3]
+        discriminant = facing**2 - 4 * change["plane"][4] * stripe_place**2 * plane[3]
         with np.errstate(invalid="ignore", divide="ignore"):
-            depth = -2 * plane[3] / (facing + np.sign(facing) * np.sqrt(under))
+            depth = -2 * plane[3] / (facing + np.sign(facing) * np.sqrt(discriminant))
         return ray * np.where(depth > 0, depth, np.nan) - change["point"]
 
     def _state(self, pixels, place, points, covariates, normals, ball=None):
@@ -238,7 +238,7 @@ class Scanner:
         return np.einsum("c,cin->in", self.scan, rows)
 
 
-def _whole(steps) -> np.ndarray:
+def _whole_numbers(steps) -> np.ndarray:
     """The same as integers; InputError where one is no whole number."""
     steps = np.asarray(steps)
     if steps.dtype.kind in "iu":

@@ -38,7 +38,7 @@ class Motion:
     """T_frame_camera of the F images of one scan, with errors.
 
     `frame`: name of the frame ("base", "turntable"); `poses` (F, 4, 4), mm. `common` (F, P, 6): twist (mm, rad) of each
-    image's points for one unit of each of P errors that all images share, with `common_covariance` (P, P); `own`
+    image's points for one unit of each of P errors that all images share, with `common_covariance` (P, P); `individual`
     (F, Q, 6) and `own_covariance` (Q, Q): the same of errors that every image has of its own. `is_closed`: the images
     go all the way round, so that none is at the limit of the scan. `absorbs_frame`: the transforms were calibrated with
     the scanner's camera, as that of hand and eye is, and took up the error of its frame.
@@ -48,7 +48,7 @@ class Motion:
     poses: np.ndarray
     common: np.ndarray
     common_covariance: np.ndarray
-    own: np.ndarray
+    individual: np.ndarray
     own_covariance: np.ndarray
     is_closed: bool = False
     absorbs_frame: bool = False
@@ -68,7 +68,7 @@ class Motion:
 
     def own_moves(self, points: np.ndarray, image: np.ndarray) -> np.ndarray:
         """(Q, 3, n) mm by which points (3, n) of the frame move for one unit of each error of their own image."""
-        return _moved(self.own[image], points)
+        return _moved(self.individual[image], points)
 
     def own_errors(self, scanner: LightPlanes, local: np.ndarray, seen: "Seen") -> Shared:
         """Errors that points (3, n) mm of one image share and no other image does, for `fit_ball`: of its pose,
@@ -78,8 +78,8 @@ class Motion:
         count = label.max(initial=-1) + 1
         covariance = np.kron(np.eye(count), self.own_covariance)
         error = self.directions(scanner.by_stripe(local, seen.steps), seen.image)
-        along = seen.pixels[1 if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else 0]
-        stripe = stripe_error(error, label, along)
+        stripe_place = seen.pixels[1 if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else 0]
+        stripe = stripe_error(error, label, stripe_place)
         shared = Shared(label, derivative, covariance, stripe)
         if self._holds_sensor(scanner):
             shared = replace(shared, common=self._sensor_errors(scanner, local, seen, shared))
@@ -153,16 +153,16 @@ class Motion:
 
 
 def _of_centre(moves, covariance, outward) -> np.ndarray:
-    across = np.einsum("in,kin->kn", outward, moves)
-    gain = np.linalg.solve(outward @ outward.T, outward @ across.T)
+    normal_moves = np.einsum("in,kin->kn", outward, moves)
+    gain = np.linalg.solve(outward @ outward.T, outward @ normal_moves.T)
     return gain @ covariance @ gain.T
 
 
 def _of_radius(moves, covariance, outward) -> float:
     """mm^2, of the radius in the least-squares solution of n.c + r = n.d."""
-    across = np.einsum("in,kin->kn", outward, moves)
+    normal_moves = np.einsum("in,kin->kn", outward, moves)
     columns = np.concatenate([outward, np.ones((1, outward.shape[1]))])
-    gain = np.linalg.lstsq(columns.T, across.T, rcond=None)[0][3]
+    gain = np.linalg.lstsq(columns.T, normal_moves.T, rcond=None)[0][3]
     return float(gain @ covariance @ gain)
 
 
@@ -171,10 +171,10 @@ def _of_planes(scanner: LightPlanes, local, place) -> tuple[np.ndarray, np.ndarr
     used, column = np.unique(place, return_inverse=True)
     size = 3 * len(scanner.steps)
     plane_covariance = np.zeros((size, size)) if scanner.covariance is None else scanner.covariance
-    each = plane_error(local, scanner.planes, place, plane_covariance).derivative
+    by_plane = plane_error(local, scanner.planes, place, plane_covariance).derivative
     derivative = np.zeros((len(used), 3, *local.shape))
     for k in range(len(used)):
-        derivative[k, ..., column == k] = each[..., column == k].transpose(2, 0, 1)
+        derivative[k, ..., column == k] = by_plane[..., column == k].transpose(2, 0, 1)
     rows = (3 * used[:, None] + np.arange(3)).ravel()
     return derivative.reshape(-1, *local.shape), plane_covariance[np.ix_(rows, rows)]
 

@@ -8,9 +8,9 @@ from sensors.light.shared_errors import NAMES, SharedStripeErrors
 from sensors.scanner.adjustment import Adjustment, linearised, solve_once, stripe_model
 from sensors.variance_components import estimate_components
 
-_MOST = 600  # stripes from which the variances are taken: they are then good to 3 %
-_NEAR = 1e-2  # sigmas
-_LEAST = 30.0  # degrees of freedom that tell the noise within stripes to an eighth
+_MAX_STRIPES = 600  # stripes from which the variances are taken: they are then good to 3 %
+_CONVERGED = 1e-2  # sigmas
+_MIN_DEGREES = 30.0  # degrees of freedom that tell the noise within stripes to an eighth
 _ROUNDS, _AGREES = 8, 0.1  # by which part of what it is known to a variance may still change
 _LIGHT = 1e3  # times their sigma, at which stripes no longer move a board that its corners hold
 
@@ -25,10 +25,10 @@ def with_shared_errors(adjustment: Adjustment) -> Adjustment:
         adjustment = _held_by_corners(adjustment)
     for _ in range(_ROUNDS):
         before = adjustment.board_stripes.shared_errors
-        together, noise = shared_errors(adjustment)
+        errors, noise = shared_errors(adjustment)
         board_stripes = replace(
             adjustment.board_stripes,
-            shared_errors=together,
+            shared_errors=errors,
             sigma=adjustment.board_stripes.sigma * noise,
         )
         adjustment = solve_once(
@@ -39,7 +39,7 @@ def with_shared_errors(adjustment: Adjustment) -> Adjustment:
             adjustment.free,
         )
         if (
-            _settled(before, together)
+            _settled(before, errors)
             and abs(noise - 1) < _AGREES
             and not _has_moved_mirror(adjustment)
         ):
@@ -61,17 +61,17 @@ def _held_by_corners(adjustment: Adjustment) -> Adjustment:
     board_stripes = replace(
         with_held_corners.board_stripes, sigma=with_held_corners.board_stripes.sigma / _LIGHT
     )
-    together = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
+    errors = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
     steps_left = with_held_corners.fit.residual[1][0]
     sigma = np.zeros(len(NAMES))
     for kind in (2, 0):
-        label = together.labels[kind]
+        label = errors.labels[kind]
         means = np.bincount(label, steps_left) / np.bincount(label)
         steps_left = steps_left - means[label]
         sigma[kind] = np.sqrt((means**2).mean())
     return replace(
         with_held_corners,
-        board_stripes=replace(board_stripes, shared_errors=replace(together, sigma=sigma)),
+        board_stripes=replace(board_stripes, shared_errors=replace(errors, sigma=sigma)),
     )
 
 
@@ -91,7 +91,7 @@ def _has_moved_mirror(adjustment):
         for name in names
         if name in table.index
     }
-    return any(abs(move) > _NEAR * adjustment.fit.std[name] for name, move in moved.items())
+    return any(abs(move) > _CONVERGED * adjustment.fit.std[name] for name, move in moved.items())
 
 
 def shared_errors(adjustment: Adjustment) -> tuple[SharedStripeErrors, float]:
@@ -100,39 +100,41 @@ def shared_errors(adjustment: Adjustment) -> tuple[SharedStripeErrors, float]:
     Restricted maximum likelihood (`sensors.variance_components`) on the adjustment's linear model there, with its
     unknowns, so that what planes and poses take of a stripe's error is not counted as none. A kind that
     another one is by construction (one stripe a board pose) stays 0. Where there are more than
-    `_MOST` stripes, those of steps spread evenly count: the others reach them only through the
+    `_MAX_STRIPES` stripes, those of steps spread evenly count: the others reach them only through the
     few numbers that all share.
     """
     board_stripes = adjustment.board_stripes
-    together = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
-    effects = _effects(board_stripes, together)
+    errors = SharedStripeErrors.of(board_stripes.labels, board_stripes.stripe_place)
+    effects = _effects(board_stripes, errors)
     if not len(effects.kind):
-        return together, 1.0
+        return errors, 1.0
     noise = own_noise(
         adjustment.fit.residual[1][0],
         np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0,
-        together,
+        errors,
     )
     noise = noise if np.isfinite(noise) else 1.0
     gram, pull, kind = _apart_from_all(*_left(adjustment, effects), effects.kind)
     found = estimate_components(gram / noise, pull / noise, kind)
-    more = len(NAMES) - len(found.variance)  # kinds that another one is by construction
-    variance = np.append(found.expected, np.zeros(more))
-    uncertainty = np.append(found.std, np.full(more, np.inf))
+    inseparable_kinds = len(NAMES) - len(
+        found.variance
+    )  # kinds that another one is by construction
+    variance = np.append(found.expected, np.zeros(inseparable_kinds))
+    uncertainty = np.append(found.std, np.full(inseparable_kinds, np.inf))
     sigma = np.sqrt(variance)
     # of a square root; of one that is 0, the sigma that two sigmas of its variance would make
     with np.errstate(divide="ignore", invalid="ignore"):
         std = np.where(variance > uncertainty, uncertainty / (2 * sigma), np.sqrt(2 * uncertainty))
-    return replace(together, sigma=sigma, std=std), float(np.sqrt(noise))
+    return replace(errors, sigma=sigma, std=std), float(np.sqrt(noise))
 
 
-def own_noise(residual: np.ndarray, weight: np.ndarray, together: SharedStripeErrors) -> float:
+def own_noise(residual: np.ndarray, weight: np.ndarray, errors: SharedStripeErrors) -> float:
     """Variance of residuals (n,), for unit weight, within stripes: each one's shift and tilt are off; nan for too few.
 
     Planes, poses and all shared errors are of that form along a stripe: whatever else is wrong, this is not.
     """
-    stripe = together.labels[0]
-    place = together.shapes[1]
+    stripe = errors.labels[0]
+    place = errors.shapes[1]
 
     def sums(values):
         return np.bincount(stripe, weight * values)
@@ -143,7 +145,11 @@ def own_noise(residual: np.ndarray, weight: np.ndarray, together: SharedStripeEr
             residual - shape * (sums(shape * residual) / np.maximum(sums(shape**2), 1e-300))[stripe]
         )
     degrees = float(np.maximum(np.bincount(stripe) - 2, 0).sum())
-    return max(float(weight @ residual**2) / degrees, 1e-300) if degrees >= _LEAST else float("nan")
+    return (
+        max(float(weight @ residual**2) / degrees, 1e-300)
+        if degrees >= _MIN_DEGREES
+        else float("nan")
+    )
 
 
 def _apart_from_all(gram, pull, kind):
@@ -176,40 +182,40 @@ class _Effects:
     norm: object
 
 
-def _effects(board_stripes, together) -> _Effects:
+def _effects(board_stripes, errors) -> _Effects:
     from scipy.sparse import csr_array, vstack
 
     weight = np.broadcast_to(board_stripes.sigma, (1, board_stripes.n))[0] ** -2.0
     n = board_stripes.n
     place = board_stripes.labels["placement"]
     step = board_stripes.labels["step"]
-    parts = []
+    designs = []
     without_cause = []
     kinds = []
     where = []
-    for kind, (label, shape) in enumerate(zip(together.labels, together.shapes)):
+    for kind, (label, shape) in enumerate(zip(errors.labels, errors.shapes)):
         count = int(label.max(initial=-1)) + 1
-        if kind == 2 and count == together.labels[0].max(initial=-1) + 1:
+        if kind == 2 and count == errors.labels[0].max(initial=-1) + 1:
             break
-        chosen = np.arange(count) if kind == 2 else _some(label, step, count)
+        chosen = np.arange(count) if kind == 2 else _chosen_stripes(label, step, count)
         design = csr_array((shape, (label, np.arange(n))), shape=(count, n))[chosen]
         first = np.zeros(count, int)
         first[label] = place
         without_cause.append(design)
-        parts.append(design * weight)
+        designs.append(design * weight)
         kinds.append(np.full(len(chosen), kind))
         where.append(first[chosen])
-    sums = vstack(parts).tocsr()
+    sums = vstack(designs).tocsr()
     design = vstack(without_cause).tocsr()
     return _Effects(sums, np.concatenate(kinds), np.concatenate(where), sums @ design.T)
 
 
-def _some(label, step, count):
+def _chosen_stripes(label, step, count):
     """Numbers of the stripes, of evenly spread steps, that count."""
     first = np.zeros(count, int)
     first[label] = step
     steps = np.unique(first)
-    selected = steps[:: -(-count // _MOST)]
+    selected = steps[:: -(-count // _MAX_STRIPES)]
     return np.flatnonzero(np.isin(first, selected))
 
 

@@ -27,19 +27,19 @@ _WIDEST_GAP = 3.0  # over the usual gap between positions of a full turn
 
 def is_full_revolution(commanded: np.ndarray) -> bool:
     """Whether positions (F,) rad go all the way round, so that no image is the first or the last one."""
-    around = np.sort(np.mod(commanded, 2 * np.pi))
-    gaps = np.diff(around, append=around[:1] + 2 * np.pi)
+    sorted_positions = np.sort(np.mod(commanded, 2 * np.pi))
+    gaps = np.diff(sorted_positions, append=sorted_positions[:1] + 2 * np.pi)
     return bool(gaps.max() < _WIDEST_GAP * max(np.median(gaps), _TINY))
 
 
 @dataclass(frozen=True)
 class AngleError:
-    """One part of the error of the table's angle: `law` with its `source`, `what` it is, and how it is `tested`."""
+    """One part of the error of the table's angle: its `law` with the `source`, a `description`, how it is `tested`."""
 
     name: str
     law: str
     source: str
-    what: str
+    description: str
     tested: str
 
 
@@ -76,7 +76,7 @@ class Turntable:
     the right-hand rule about `axis`.
 
     `harmonics` order -> (cosine, sine) in rad; `sigma` rad, random error of one position. `covariance` (P, P) of two
-    tilts (rad) and two shifts (mm) of the axis across itself (`across`), of the gain, and of each harmonic's two
+    tilts (rad) and two shifts (mm) of the axis across itself (`perpendicular`), of the gain, and of each harmonic's two
     amplitudes (rad).
     """
 
@@ -88,7 +88,7 @@ class Turntable:
     covariance: np.ndarray | None = None
 
     @property
-    def across(self) -> np.ndarray:
+    def perpendicular(self) -> np.ndarray:
         """(2, 3) unit vectors across the axis and each other."""
         first = np.eye(3)[np.argmin(np.abs(self.axis))]
         first = np.cross(self.axis, first)
@@ -110,8 +110,8 @@ class Turntable:
     def poses(self, commanded: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """(F, 4, 4) T_frame_camera, mm, at commanded angles (F,) rad; change (P,): of the parameters."""
         change = np.zeros(5 + 2 * len(self.harmonics)) if change is None else change
-        axis = rotation_matrix(change[:2] @ self.across) @ self.axis
-        point = self.point + change[2:4] @ self.across
+        axis = rotation_matrix(change[:2] @ self.perpendicular) @ self.axis
+        point = self.point + change[2:4] @ self.perpendicular
         rotation = rotation_matrix(-self.angles(commanded, change[4:])[:, None] * axis)
         return transform(rotation, point - rotation @ point)
 

@@ -147,13 +147,13 @@ class _Corners:
         rotation = rotation_matrix(values[9:12])
         place = values[6:9]
         angles = np.concatenate([[0.0], values[12:]])
-        parts = []
+        residuals = []
         for view, angle in zip(self.views, angles):
             standing = rotation @ self.board[:, view.index] + place[:, None]
             rotated = rotation_matrix(angle * unit) @ (standing - point[:, None]) + point[:, None]
-            parts.append((self.camera.project(rotated) - view.pixels).ravel())
+            residuals.append((self.camera.project(rotated) - view.pixels).ravel())
         gauge = [1e3 * (np.linalg.norm(axis) - 1), (point - place) @ unit]
-        return np.concatenate([*parts, gauge])
+        return np.concatenate([*residuals, gauge])
 
     def by_camera(self, values: np.ndarray) -> np.ndarray:
         """(2 n + 2, V) derivative of the residual by the camera's values."""
@@ -226,10 +226,10 @@ def _covariance(table: Turntable, covariance, of_law, chosen) -> np.ndarray:
     """(P, P) of tilts, shifts, gain and harmonics."""
     count = 5 + 2 * len(table.harmonics)
     joined = np.zeros((count, count))
-    across = table.across
-    tilt = np.stack([np.cross(direction, table.axis) for direction in across])
+    perpendicular = table.perpendicular
+    tilt = np.stack([np.cross(direction, table.axis) for direction in perpendicular])
     by_axis = np.zeros((4, 6))
-    by_axis[:2, :3], by_axis[2:, 3:] = tilt, across
+    by_axis[:2, :3], by_axis[2:, 3:] = tilt, perpendicular
     joined[:4, :4] = by_axis @ covariance[:6, :6] @ by_axis.T
     law = of_law[1:, 1:]
     rows = [4] * (0 in chosen) + list(range(5, count))
@@ -275,9 +275,9 @@ def _test(commanded, angle_change, chosen, order) -> Term | None:
         return None
     first = _squares(before, angle_change)
     second = _squares(after, angle_change)
-    more = after.shape[1] - before.shape[1]
-    statistic = (first - second) / more / max(second / free, 1e-300)
-    probability = float(fisher.sf(statistic, more, free))
+    added_terms = after.shape[1] - before.shape[1]
+    statistic = (first - second) / added_terms / max(second / free, 1e-300)
+    probability = float(fisher.sf(statistic, added_terms, free))
     solution = np.linalg.lstsq(after, angle_change, rcond=None)[0][before.shape[1] :]
     if order == 0:
         name = f"scale {solution[0]:+.3g}"

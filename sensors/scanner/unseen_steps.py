@@ -9,7 +9,7 @@ from sensors.light.mirror import nearest_branch, on_one_branch
 from sensors.scanner.calibration import ScannerCalibration
 from sensors.scanner.model import Scanner
 
-_BEYOND = 0.5  # of the calibrated sweep, up to which it is extended at each end
+_MAX_EXTENSION = 0.5  # of the calibrated sweep, up to which it is extended at each end
 _LINEAR = 1e-6  # rad, by which angles may differ from a law that is linear in the commanded angle or the step
 
 
@@ -29,23 +29,23 @@ def with_unseen_steps(
     angles = _angles(calibration, new)
     low = float(scanner.angles.min())
     high = float(scanner.angles.max())
-    reach = _BEYOND * (high - low)
+    reach = _MAX_EXTENSION * (high - low)
     in_range = {
         step: angle for step, angle in angles.items() if low - reach <= angle <= high + reach
     }
     if not in_range:
         return scanner, ()
-    every = np.append(scanner.angles, list(in_range.values()))
-    planes = scanner.mirror.planes(every)
-    board_stripes = replace(calibration.made.board_stripes, angles=every, planes=planes)
-    plane_covariances = replace(calibration.made, board_stripes=board_stripes).apart(
+    all_angles = np.append(scanner.angles, list(in_range.values()))
+    planes = scanner.mirror.planes(all_angles)
+    board_stripes = replace(calibration.made.board_stripes, angles=all_angles, planes=planes)
+    plane_covariances = replace(calibration.made, board_stripes=board_stripes).best_frame(
         calibration.volume
     )
     extended = replace(
         scanner,
         steps=np.append(scanner.steps, list(in_range)),
         planes=planes,
-        angles=every,
+        angles=all_angles,
         covariance=plane_covariances.planes,
         frame=plane_covariances.frame,
         rays=plane_covariances.rays,

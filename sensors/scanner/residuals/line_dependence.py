@@ -59,7 +59,7 @@ def line_covariates(shape: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def line_dependence(
-    residual: np.ndarray, stripe: np.ndarray, along: np.ndarray, shape: np.ndarray
+    residual: np.ndarray, stripe: np.ndarray, stripe_place: np.ndarray, shape: np.ndarray
 ) -> LineDependence | None:
     """Of residuals (n,) px along the scan line on the line's shape (2, n), width and brightness (`Stripes.shape`).
 
@@ -70,13 +70,13 @@ def line_dependence(
     rows = []
     values = []
     for label in np.unique(stripe):
-        mine = np.flatnonzero(stripe == label)
-        if len(mine) >= _FEWEST_POINTS:
-            place = along[mine] - along[mine].mean()
+        points_of_stripe = np.flatnonzero(stripe == label)
+        if len(points_of_stripe) >= _FEWEST_POINTS:
+            place = stripe_place[points_of_stripe] - stripe_place[points_of_stripe].mean()
             powers = np.vander(place / max(np.abs(place).max(), 1e-9), _ORDERS)
             basis = np.linalg.qr(powers)[0]
             shape_and_residual = np.vstack(
-                [np.log(np.maximum(shape[:, mine], 1e-6)), residual[mine]]
+                [np.log(np.maximum(shape[:, points_of_stripe], 1e-6)), residual[points_of_stripe]]
             ).T
             remainder = shape_and_residual - basis @ (basis.T @ shape_and_residual)
             rows.append(remainder[:, :-1])
@@ -99,9 +99,9 @@ def _tested(rows: list[np.ndarray], values: list[np.ndarray]) -> LineDependence:
     spread = np.linalg.pinv(scores.T @ scores)
     wald = float(scores.sum(0) @ spread @ scores.sum(0))
     size = scores.shape[1]
-    rest = len(rows) - scores.shape[1]
+    residual_degrees = len(rows) - scores.shape[1]
     # the sum of scores under no dependence: Hotelling's T^2 of their mean, whose covariance is about zero
-    ratio = wald / max(1 - wald / len(rows), 1e-12) * rest / size / len(rows)
-    p_value = float(fdtrc(size, rest, ratio))
+    ratio = wald / max(1 - wald / len(rows), 1e-12) * residual_degrees / size / len(rows)
+    p_value = float(fdtrc(size, residual_degrees, ratio))
     noise = np.sqrt(max(squares - explained, 0.0) / max(count - _ORDERS * len(rows), 1))
     return LineDependence(float(np.sqrt(max(explained, 0.0) / count)), p_value, float(noise))

@@ -18,7 +18,7 @@ _LEVEL = 1e-3
 # explain it, and the random effects of stripes and board poses in the covariance hold it.
 _RELEVANT = 0.5
 _FARTHEST = 60  # points
-_SOME = 30  # stripes that the autocovariance of noise is taken from
+_MAX_STRIPES = 30  # stripes that the autocovariance of noise is taken from
 _ROUNDS = 8
 _BEYOND_ZERO = 1  # lags, by which the remainders' autocovariance falls to zero too early
 
@@ -73,7 +73,10 @@ class Misfit:
 
 
 def stripe_misfit(
-    residual: np.ndarray, stripe: np.ndarray, along: np.ndarray, known: np.ndarray | None = None
+    residual: np.ndarray,
+    stripe: np.ndarray,
+    stripe_place: np.ndarray,
+    known: np.ndarray | None = None,
 ) -> Misfit | None:
     """Lack of fit of residuals (n,) px along the scan line; None where there are too few stripes.
 
@@ -82,26 +85,26 @@ def stripe_misfit(
     turntable); what these explain is no lack of fit.
     """
     stated = 0.0 if known is None else float(known.sum())
-    order = np.lexsort((along, stripe))
-    residual, stripe, along = residual[order], stripe[order], along[order]
+    order = np.lexsort((stripe_place, stripe))
+    residual, stripe, stripe_place = residual[order], stripe[order], stripe_place[order]
     edges = np.flatnonzero(np.diff(stripe)) + 1
-    parts = [
+    stripes = [
         _decomposed(values, places)
-        for values, places in zip(np.split(residual, edges), np.split(along, edges))
+        for values, places in zip(np.split(residual, edges), np.split(stripe_place, edges))
         if len(values) >= _FEWEST_POINTS
     ]
-    if len(parts) < _FEWEST_STRIPES:
+    if len(stripes) < _FEWEST_STRIPES:
         return None
-    return _tested(parts, stated)
+    return _tested(stripes, stated)
 
 
 @dataclass(frozen=True)
 class _Stripe:
-    """One stripe: `basis` (n, 4) orthonormal polynomials, `explained` (4,) squares, `rest` (n,) remainder, px."""
+    """One stripe: `basis` (n, 4) orthonormal polynomials, `explained` (4,) squares, `residual` (n,) remainder, px."""
 
     basis: np.ndarray
     explained: np.ndarray
-    rest: np.ndarray
+    residual: np.ndarray
 
 
 def _decomposed(values: np.ndarray, places: np.ndarray) -> _Stripe:
@@ -118,7 +121,7 @@ def _tested(stripes: list[_Stripe], stated: float) -> Misfit:
     from scipy.special import fdtrc
 
     explained = np.sum([stripe.explained for stripe in stripes], axis=0)
-    count = sum(len(stripe.rest) for stripe in stripes)
+    count = sum(len(stripe.residual) for stripe in stripes)
     noise = _autocovariance(stripes)
     # Correlated noise gives low degrees of a polynomial more than the variance of independent noise.
     expected = np.sum([_explained_by_noise(stripe.basis, noise) for stripe in stripes], axis=0)
@@ -141,14 +144,14 @@ def _autocovariance(stripes: list[_Stripe]) -> np.ndarray:
     That of the remainders is too small, since the polynomial takes a part of correlated noise: for a noise of the
     autocovariance C the remainder (I - H) e has (I - H) C (I - H). C is corrected until the two agree.
     """
-    lags = int(np.clip(min(len(stripe.rest) for stripe in stripes) // 2, 1, _FARTHEST))
-    some = stripes[:: -(-len(stripes) // _SOME)]
-    measured = _by_lag([np.outer(stripe.rest, stripe.rest) for stripe in some], lags)
+    lags = int(np.clip(min(len(stripe.residual) for stripe in stripes) // 2, 1, _FARTHEST))
+    sample = stripes[:: -(-len(stripes) // _MAX_STRIPES)]
+    measured = _by_lag([np.outer(stripe.residual, stripe.residual) for stripe in sample], lags)
     ends = np.flatnonzero(measured < 0)
     used = np.arange(lags) < (ends[0] + _BEYOND_ZERO if len(ends) else lags)
     noise = np.where(used, measured, 0.0)
     for _ in range(_ROUNDS):
-        remainders = [_remainder(stripe.basis, noise) for stripe in some]
+        remainders = [_remainder(stripe.basis, noise) for stripe in sample]
         noise = np.where(used, noise + measured - _by_lag(remainders, lags), 0.0)
     return noise
 

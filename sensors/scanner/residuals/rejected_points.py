@@ -157,8 +157,8 @@ def _deviance(wrong: np.ndarray, label: np.ndarray) -> tuple[float, int]:
     _, label = np.unique(label, return_inverse=True)
     count = np.bincount(label)
     bad = np.bincount(label, wrong)
-    each = _log_likelihood(bad, count).sum()
-    return 2 * float(each - _log_likelihood(bad.sum(), count.sum())), len(count) - 1
+    likelihood_of_groups = _log_likelihood(bad, count).sum()
+    return 2 * float(likelihood_of_groups - _log_likelihood(bad.sum(), count.sum())), len(count) - 1
 
 
 def _log_likelihood(bad, count):

@@ -17,15 +17,15 @@ def region_of(place: np.ndarray, wrong: np.ndarray, unit: str) -> str:
         return ""
     middle = np.median(chosen, axis=1)
     axes = np.linalg.eigh(np.cov(chosen))[1][:, ::-1]
-    along, across = axes.T @ (chosen - middle[:, None])
-    ends = np.quantile(along, _ENDS)
-    sides = np.quantile(across, _ENDS)
+    lengthwise, crosswise = axes.T @ (chosen - middle[:, None])
+    ends = np.quantile(lengthwise, _ENDS)
+    sides = np.quantile(crosswise, _ENDS)
     length = np.ptp(ends)
     width = np.ptp(sides)
-    inside = _inside(axes.T @ (place - middle[:, None]), ends, sides)
+    is_inside = _is_inside(axes.T @ (place - middle[:, None]), ends, sides)
     shares = (
-        f"{100 * wrong[inside].mean():.0f} % of the points there are wrong, "
-        f"{100 * wrong[~inside].mean():.1f} % elsewhere"
+        f"{100 * wrong[is_inside].mean():.0f} % of the points there are wrong, "
+        f"{100 * wrong[~is_inside].mean():.1f} % elsewhere"
     )
     if length > _LONG * width:
         first, last = (middle + axes[:, 0] * end for end in ends)
@@ -49,11 +49,11 @@ def _in_dense_bins(place: np.ndarray, wrong: np.ndarray) -> np.ndarray:
     return (excess > _CERTAIN * np.sqrt(expected * (1 - share)))[label]
 
 
-def _inside(turned: np.ndarray, ends: np.ndarray, sides: np.ndarray) -> np.ndarray:
+def _is_inside(turned: np.ndarray, ends: np.ndarray, sides: np.ndarray) -> np.ndarray:
     """(n,) bool, whether places (2, n) in the axes of the region lie in its rectangle."""
-    along, across = turned
-    in_length = (along >= ends[0]) & (along <= ends[1])
-    return in_length & (across >= sides[0]) & (across <= sides[1])
+    lengthwise, crosswise = turned
+    in_length = (lengthwise >= ends[0]) & (lengthwise <= ends[1])
+    return in_length & (crosswise >= sides[0]) & (crosswise <= sides[1])
 
 
 def _text(place: np.ndarray) -> str:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.ball.result import ELSEWHERE
+from sensors.ball.result import NOT_ON_BALL
 from sensors.ball.search import find_balls
 from sensors.scanner.model import Scanner
 
@@ -41,7 +41,7 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
         find_balls(points[:, seen], radii, free=True, stripe=steps_of_points) if len(seen) else []
     )
     for number, fit in enumerate(found, start=1):
-        is_on_ball = seen[fit.reason != ELSEWHERE]
+        is_on_ball = seen[fit.reason != NOT_ON_BALL]
         outward = points[:, is_on_ball] - fit.centre[:, None]
         normals[:, is_on_ball] = outward / np.linalg.norm(outward, axis=0)
         ball[is_on_ball] = number

@@ -12,7 +12,7 @@ from datasets.recording import Recording
 from datasets.recording_files.rows import Grouped
 from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import fit_ball, with_radius_variance
-from sensors.ball.result import ELSEWHERE, INCIDENCE, MISSING, BallFit
+from sensors.ball.result import INCIDENCE, MISSING, NOT_ON_BALL, BallFit
 from sensors.ball.search import Refusal, find_balls
 from sensors.ball.single_stripe import FEW_STRIPES, undetermined
 from sensors.boards.detection import Rejected
@@ -327,7 +327,7 @@ class _Work:
         )
         fitted_balls = []
         for free, number in zip(found, numbers):
-            on_ball = free.reason != ELSEWHERE
+            on_ball = free.reason != NOT_ON_BALL
             limit = max(trimmed, _steepest(free, cloud))
             columns_of_ball = {key: value[..., on_ball] for key, value in columns.items()} | {
                 "incidence": limit
@@ -353,7 +353,7 @@ class _Work:
     def _noise(self, cloud: Cloud, sigma: np.ndarray) -> np.ndarray:
         """(n,) px, 1 sigma of centres whose fits state `sigma` (n,)."""
         centre = cloud.pixels[0 if cloud.is_across_columns else 1]
-        return centre_noise(centre, cloud.along, cloud.image, sigma, self.scanner.sigma_px)
+        return centre_noise(centre, cloud.stripe_place, cloud.image, sigma, self.scanner.sigma_px)
 
     def _expected(self, row) -> int:
         """Expected number of balls in a scan, as far as it is known."""
@@ -403,7 +403,7 @@ class _Work:
         stated = cloud.stated_variance(outward)
         known = None if stated is None else (stated / gain**2)[used]
         residual = (fit.residual / gain)[used]
-        return stripe_misfit(residual, cloud.stripe[used], cloud.along[used], known)
+        return stripe_misfit(residual, cloud.stripe[used], cloud.stripe_place[used], known)
 
     def _at_limit(self, cloud: Cloud, swept):
         """(n,) whether points lie at the edge of the image, or in the first or last plane of the steps `swept`, of a
