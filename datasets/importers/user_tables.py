@@ -134,11 +134,11 @@ def read_named_points(path: Path, labels: Sequence[str]) -> Table:
     found = _mapping(raw, None)
     columns = {} if found.flange_point is None else _positions(raw, found, takes_map=False)
     names = [name for name, cells in raw.columns.items() if cells.dtype.kind != "f"]
-    own = next((name for name in raw.columns if name.lower() in labels), None) or next(
+    name_column = next((name for name in raw.columns if name.lower() in labels), None) or next(
         iter(names), None
     )
-    if own is not None:
-        columns[labels[0]] = raw.columns[own].astype(str)
+    if name_column is not None:
+        columns[labels[0]] = raw.columns[name_column].astype(str)
     return _table(raw, columns, found)
 
 
@@ -200,14 +200,18 @@ def frames_of(mapping: Mapping | None) -> StatedFrames:
     if mapping is None:
         return NOTHING_STATED
     stated = (mapping.tool, mapping.frame)
-    return StatedFrames(*({} if one is None else one.matrices for one in stated))
+    return StatedFrames(
+        *({} if placements is None else placements.matrices for placements in stated)
+    )
 
 
 def _tables(path: Path, stated: StatedFrames = NOTHING_STATED) -> list[RawTable]:
     """The table of a file, or the joint positions and the poses of a robot program. Raises InputError for others."""
     with TemporaryDirectory() as scratch:
         tables = read_sources([path], Path(scratch)).tables
-    is_program = len(tables) == 2 and all(NAME_OF_POSITION in one.columns for one in tables)
+    is_program = len(tables) == 2 and all(
+        NAME_OF_POSITION in each_table.columns for each_table in tables
+    )
     if len(tables) != 1 and not is_program:
         shown = [f"{table.file} with {', '.join(list(table.columns)[:4])}, ..." for table in tables]
         found = " and ".join(shown) or "none"
@@ -303,8 +307,8 @@ def _joint_units(raw: RawTable, group: Group, sliding: Sequence[bool]) -> tuple[
     for k, (name, slides) in enumerate(zip(group.columns, sliding)):
         if words[k] in (LENGTHS if slides else ANGLES):
             continue
-        own = read_header(name, raw.units.get(name)).unit
-        if words[k] and (own == words[k] or isinstance(group.unit, tuple)):
+        unit_of_column = read_header(name, raw.units.get(name)).unit
+        if words[k] and (unit_of_column == words[k] or isinstance(group.unit, tuple)):
             raise complaint(
                 f"{raw.file}, column {name}",
                 f"a unit of {'length, since this joint slides' if slides else 'angle, since this joint rotates'}",
@@ -365,11 +369,11 @@ def _rotations(raw: RawTable, found: Mapping) -> dict[str, np.ndarray]:
     group = found.flange_rotation
     candidates = rotation_candidates(group, raw)
     if len(candidates) != 1:
-        some = ", ".join(candidate.title for candidate in candidates[:4]) or "none"
+        titles = ", ".join(candidate.title for candidate in candidates[:4]) or "none"
         raise complaint(
             f"{raw.file}, columns {', '.join(group.columns)}",
             "rotations whose convention is stated",
-            f"{len(candidates)} readings ({some}{', ...' if len(candidates) > 4 else ''})",
+            f"{len(candidates)} readings ({titles}{', ...' if len(candidates) > 4 else ''})",
             'add [flange_rotation] with columns, unit and convention = "intrinsic XYZ", or another, to a mapping file, '
             "and name it with --map",
         )

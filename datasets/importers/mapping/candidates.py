@@ -160,8 +160,8 @@ def _in_order(unit: ColumnUnits, group: Group, columns: Sequence[str]) -> Column
     """Units of the columns of a group in another order of the columns."""
     if not isinstance(unit, tuple):
         return unit
-    own = dict(zip(group.columns, unit, strict=True))
-    return tuple(own[name] for name in columns)
+    unit_of_column = dict(zip(group.columns, unit, strict=True))
+    return tuple(unit_of_column[name] for name in columns)
 
 
 def _conventions(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:
@@ -180,7 +180,9 @@ def _conventions(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str],
 
 def _labelled(group: Group, table: RawTable) -> Iterator[tuple[Sequence[str], str]]:
     """Each angle about the axis that its header names, in every order of the three rotations."""
-    same = [one for one in find_sets(table) if set(one.names) == set(group.columns)]
+    same = [
+        column_set for column_set in find_sets(table) if set(column_set.names) == set(group.columns)
+    ]
     axes = AXES_OF_SET.get(same[0].labels) if same else None
     if axes is None:
         return

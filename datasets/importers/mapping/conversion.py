@@ -37,10 +37,10 @@ def complete_rows(table: RawTable, mapping: Mapping) -> tuple[RawTable, tuple[st
         )
     lost = np.flatnonzero(~kept)
     named = ", ".join(str(table.lines[row]) for row in lost[:5])
-    more = ", ..." if len(lost) > 5 else ""
+    ellipsis = ", ..." if len(lost) > 5 else ""
     sentence = (
         f"{table.file}: {len(lost)} rows with an empty cell, or with three equal coordinates, which stand for a "
-        f"missing measurement, are left out (rows {named}{more})."
+        f"missing measurement, are left out (rows {named}{ellipsis})."
     )
     return table.take(np.flatnonzero(kept)), (sentence,)
 

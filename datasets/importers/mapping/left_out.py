@@ -20,28 +20,30 @@ def left_out_sentences(table: RawTable, mapping: Mapping, has_images: bool) -> t
     has_images: the source holds images of a board, which need poses of the flange.
     """
     unused = unused_columns(table, mapping)
-    said = []
+    sentences = []
     if mapping.flange_point is not None and mapping.flange_rotation is None:
         names = ", ".join(mapping.flange_point.columns)
         need = "a hand-eye calibration" if has_images else "a pose of the flange"
-        said.append(
+        sentences.append(
             f"The position of the flange ({names}) has no rotation, which {need} needs: no header names one. Add "
             '[flange_rotation] columns = ["...", "...", "..."] to the mapping.'
         )
     axes = unit_vectors(table, unused) if mapping.axis is None else []
     for names in axes:
         quoted = ", ".join(f'"{name}"' for name in names)
-        said.append(
+        sentences.append(
             f"The columns {_quoted(names)} are components of a unit vector in every row and are not used. If they "
             f"are a measured axis of the target, add [axis] columns = [{quoted}] to the mapping."
         )
-    for names in similar_columns(table, [one for one in unused if not any(one in a for a in axes)]):
-        said.append(
+    for names in similar_columns(
+        table, [column for column in unused if not any(column in a for a in axes)]
+    ):
+        sentences.append(
             f"The columns {_quoted(names)} {_reason(table, names)} and are not used. If they are a point, a "
             "rotation or joint readings of the recording, add them to the mapping under [point], [rotation], "
             "[flange_rotation] or [joints]."
         )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def unused_rotation_sentences(table: RawTable, mapping: Mapping) -> tuple[str, ...]:
@@ -50,10 +52,12 @@ def unused_rotation_sentences(table: RawTable, mapping: Mapping) -> tuple[str, .
         return ()
     unused = set(unused_columns(table, mapping))
     return tuple(
-        f"The columns {_quoted(one.names)} are a rotation by their headers and are not used: state whose it is with "
-        "[rotation] or [flange_rotation] in a mapping file for --map, or ignore them."
-        for one in find_sets(table)
-        if one.kind in _ROTATIONS and not one.is_nominal and unused >= set(one.names)
+        f"The columns {_quoted(column_set.names)} are a rotation by their headers and are not used: state whose it is "
+        "with [rotation] or [flange_rotation] in a mapping file for --map, or ignore them."
+        for column_set in find_sets(table)
+        if column_set.kind in _ROTATIONS
+        and not column_set.is_nominal
+        and unused >= set(column_set.names)
     )
 
 

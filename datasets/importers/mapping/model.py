@@ -108,9 +108,9 @@ class Mapping:
     def merged(self, other: "Mapping") -> "Mapping":
         """This mapping, completed where it says nothing by another one (a proposal)."""
         made = {}
-        for one in fields(self):
-            mine, its = getattr(self, one.name), getattr(other, one.name)
-            made[one.name] = _completed(mine, its)
+        for entry in fields(self):
+            own_value, other_value = getattr(self, entry.name), getattr(other, entry.name)
+            made[entry.name] = _completed(own_value, other_value)
         return Mapping(**made)
 
     def as_keys(self) -> dict:
@@ -140,16 +140,22 @@ class Mapping:
         return keys
 
 
-def _completed(mine, its):
-    if mine is None or mine == {}:
-        return its
-    if isinstance(mine, Join):
-        return its if mine == Join() else mine
-    if isinstance(mine, Group) and isinstance(its, Group) and mine.columns == its.columns:
+def _completed(stated, proposed):
+    if stated is None or stated == {}:
+        return proposed
+    if isinstance(stated, Join):
+        return proposed if stated == Join() else stated
+    if (
+        isinstance(stated, Group)
+        and isinstance(proposed, Group)
+        and stated.columns == proposed.columns
+    ):
         return replace(
-            mine, unit=mine.unit or its.unit, convention=mine.convention or its.convention
+            stated,
+            unit=stated.unit or proposed.unit,
+            convention=stated.convention or proposed.convention,
         )
-    return mine
+    return stated
 
 
 def _group_keys(group: Group) -> dict:
@@ -264,7 +270,7 @@ def _with_first_reflector(keys: Keys, called: str) -> tuple[Keys, dict[str, tupl
     if not named:
         return keys, {}
     common = {name: value for name, value in point.items() if name not in named}
-    sets = {}
+    reflectors = {}
     for name, section in named.items():
         where = f"{called}, [point.{name}]"
         columns = section.get("columns")
@@ -277,8 +283,11 @@ def _with_first_reflector(keys: Keys, called: str) -> tuple[Keys, dict[str, tupl
         if "columns" in common or any(common.setdefault(k, v) != v for k, v in stated.items()):
             expected = "columns of its own, and one unit and convention for all reflectors"
             raise complaint(where, expected, "others under [point]", "state them once")
-        sets[name] = tuple(columns)
-    return {**keys, "point": {**common, "columns": list(next(iter(sets.values())))}}, sets
+        reflectors[name] = tuple(columns)
+    return {
+        **keys,
+        "point": {**common, "columns": list(next(iter(reflectors.values())))},
+    }, reflectors
 
 
 def _join(keys: Keys, called: str) -> Join:
@@ -314,8 +323,8 @@ def _group(keys, name: str, called: str) -> Group:
     known = ["columns", "unit", "convention", "inverse"]
     known += ["counts_per_deg"] if name == "joints" else []
     if unknown := set(keys) - set(known):
-        said = f"{', '.join(known[:-1])} or {known[-1]}"
-        raise complaint(f"{where}, key {sorted(unknown)[0]}", said, "it", "remove it")
+        choices = f"{', '.join(known[:-1])} or {known[-1]}"
+        raise complaint(f"{where}, key {sorted(unknown)[0]}", choices, "it", "remove it")
     counts = _counts(keys, len(columns), where)
     unit, convention = keys.get("unit"), keys.get("convention")
     units = LENGTHS if name in ("point", "flange_point") else ANGLE_NAMES
@@ -353,14 +362,14 @@ def _counts(keys: Keys, count: int, where: str) -> tuple[float, ...] | None:
         return None
     stated = keys["counts_per_deg"]
     numbers = stated if isinstance(stated, list) else [stated] * count
-    if len(numbers) != count or not all(is_number(one) and one != 0 for one in numbers):
+    if len(numbers) != count or not all(is_number(number) and number != 0 for number in numbers):
         expected = f"one number, or {count} numbers, none of them 0"
         raise complaint(f"{where}, key counts_per_deg", expected, repr(stated)[:60], "correct it")
     if "unit" in keys:
         raise complaint(
             f"{where}, key unit", "no unit next to counts_per_deg", repr(keys["unit"]), "remove it"
         )
-    return tuple(float(one) for one in numbers)
+    return tuple(float(number) for number in numbers)
 
 
 def _unit(unit, known: Collection[str], name: str, count: int, where: str) -> ColumnUnits:

@@ -26,11 +26,11 @@ class Placements:
     @property
     def matrices(self) -> dict[str, np.ndarray]:
         """(4, 4) mm by number or name."""
-        return {name: one.matrix for name, one in self.by_name.items()}
+        return {name: placement.matrix for name, placement in self.by_name.items()}
 
     def as_keys(self) -> dict:
         """Plain keys for TOML."""
-        keys = {name: one.model_dump() for name, one in self.by_name.items()}
+        keys = {name: placement.model_dump() for name, placement in self.by_name.items()}
         return {**keys.pop(ALL, {}), **keys}
 
 
@@ -48,9 +48,9 @@ def placements_from_keys(keys: object, where: str) -> Placements:
     if not isinstance(keys, Keys) or not keys:
         names = " and ".join(Placement.model_fields)
         raise complaint(where, f"the keys {names}", repr(keys)[:60], "correct it")
-    numbered = {str(name): one for name, one in keys.items() if isinstance(one, Keys)}
-    of_all = {name: one for name, one in keys.items() if not isinstance(one, Keys)}
+    numbered = {str(name): value for name, value in keys.items() if isinstance(value, Keys)}
+    of_all = {name: value for name, value in keys.items() if not isinstance(value, Keys)}
     found = {ALL: checked_section(Placement, of_all, where)} if of_all else {}
-    for name, one in numbered.items():
-        found[name] = checked_section(Placement, one, f"{where.rstrip(']')}.{name}]")
+    for name, value in numbered.items():
+        found[name] = checked_section(Placement, value, f"{where.rstrip(']')}.{name}]")
     return Placements(found)

@@ -64,18 +64,25 @@ def propose(
     columns may be the same quantity.
     """
     stated = stated or Mapping()
-    sets = [_usable(one, table) for one in find_sets(table)]
-    sets = [one for one in sets if one is not None and not _is_taken(one, stated)]
-    joints = _joints_of(sets, table, stated)
-    points = [one for one in sets if one.kind == "point"]
+    column_sets = [_usable(column_set, table) for column_set in find_sets(table)]
+    column_sets = [
+        column_set
+        for column_set in column_sets
+        if column_set is not None and not _is_taken(column_set, stated)
+    ]
+    joints = _joints_of(column_sets, table, stated)
+    points = [column_set for column_set in column_sets if column_set.kind == "point"]
     point, flange_point = _points_of(points, joints, has_images or has_clouds, table, stated)
-    others = [one.words for one in points if one not in (point, flange_point)]
-    used = [one.words for one in (point, flange_point) if one is not None]
+    others = [column_set.words for column_set in points if column_set not in (point, flange_point)]
+    used = [column_set.words for column_set in (point, flange_point) if column_set is not None]
     rotations = [
-        one for one in sets if one.kind in _TURNS and (one.words in used or one.words not in others)
+        column_set
+        for column_set in column_sets
+        if column_set.kind in _TURNS
+        and (column_set.words in used or column_set.words not in others)
     ]
     rotation, flange_rotation = _rotations_of((point, flange_point), rotations, table, stated)
-    axes = [one for one in sets if one.kind == "axis"]
+    axes = [column_set for column_set in column_sets if column_set.kind == "axis"]
     axis = None
     if rotation is None:
         axis = _stated_set(axes, stated.axis, table) or _best(axes, table, "axis")
@@ -92,39 +99,45 @@ def propose(
     return Proposal(mapping, unused_columns(table, mapping))
 
 
-def _is_taken(one: ColumnSet, stated: Mapping) -> bool:
+def _is_taken(column_set: ColumnSet, stated: Mapping) -> bool:
     """Whether a mapping states some of the columns of a set as a quantity of another kind: a, b, c as a point."""
     for quantity, kinds in _KINDS.items():
         group = getattr(stated, quantity)
-        if group is not None and one.kind not in kinds and set(one.names) & set(group.columns):
+        if (
+            group is not None
+            and column_set.kind not in kinds
+            and set(column_set.names) & set(group.columns)
+        ):
             return True
     return False
 
 
-def _usable(one: ColumnSet, table: RawTable) -> ColumnSet | None:
+def _usable(column_set: ColumnSet, table: RawTable) -> ColumnSet | None:
     """The set; None for columns with text, and for rotations that are zero in every row (not measured)."""
-    for name in one.names:
+    for name in column_set.names:
         if table.columns[name].dtype.kind != "f":
             return None
-    if one.kind in ("angles", "vector"):
-        cells = np.stack([table.columns[name] for name in one.names])
+    if column_set.kind in ("angles", "vector"):
+        cells = np.stack([table.columns[name] for name in column_set.names])
         if not np.nan_to_num(cells).any():
             return None
-    return one
+    return column_set
 
 
-def _stated_set(sets: list[ColumnSet], group: Group | None, table: RawTable) -> ColumnSet | None:
+def _stated_set(
+    column_sets: list[ColumnSet], group: Group | None, table: RawTable
+) -> ColumnSet | None:
     """The set of the columns that a mapping states, also where headers show none; None for columns elsewhere."""
     if group is None or not set(group.columns) <= set(table.columns):
         return None
-    same = [one for one in sets if one.names == group.columns]
+    same = [column_set for column_set in column_sets if column_set.names == group.columns]
     words = read_header(group.columns[0]).words
     return same[0] if same else ColumnSet("stated", group.columns, frozenset(words), None, "")
 
 
-def _joints_of(sets: list[ColumnSet], table: RawTable, stated: Mapping) -> ColumnSet | None:
+def _joints_of(column_sets: list[ColumnSet], table: RawTable, stated: Mapping) -> ColumnSet | None:
     """The joint readings: the stated columns, else the only set."""
-    joints = [one for one in sets if one.kind == "joints"]
+    joints = [column_set for column_set in column_sets if column_set.kind == "joints"]
     return _stated_set(joints, stated.joints, table) or _best(joints, table, "joints")
 
 
@@ -134,51 +147,64 @@ def _points_of(points, joints, measured_elsewhere: bool, table: RawTable, stated
     flange = _stated_set(points, stated.flange_point, table)
     if point is None and flange is None:
         return _classified(points, joints, measured_elsewhere, table)
-    taken = {name for one in (point, flange) if one is not None for name in one.names}
-    free = [one for one in points if not taken & set(one.names)]
-    of_flange = [one for one in free if one.is_flange and not one.is_measured]
+    taken = {
+        name
+        for column_set in (point, flange)
+        if column_set is not None
+        for name in column_set.names
+    }
+    free = [column_set for column_set in points if not taken & set(column_set.names)]
+    of_flange = [
+        column_set for column_set in free if column_set.is_flange and not column_set.is_measured
+    ]
     if flange is None and joints is not None:
         flange = _best(of_flange, table, "flange_point")
     elif flange is None:
         flange = _best(of_flange or free, table, "flange_point")
     if point is None and not measured_elsewhere:
-        point = _best([one for one in free if one not in of_flange], table, "point")
+        point = _best(
+            [column_set for column_set in free if column_set not in of_flange], table, "point"
+        )
     return (None if measured_elsewhere else point), flange
 
 
-def _best(sets: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
+def _best(column_sets: list[ColumnSet], table: RawTable, quantity: str) -> ColumnSet | None:
     """The only set; of several the actual values, not the commanded ones. Raises InputError for two alike."""
-    if not sets:
+    if not column_sets:
         return None
     for rule in (lambda s: s.is_actual, lambda s: not s.is_nominal):
-        chosen = [one for one in sets if rule(one)]
-        if chosen and len(chosen) < len(sets):
-            sets = chosen
-    longest = max(len(one.names) for one in sets)
-    sets = [one for one in sets if len(one.names) == longest]
-    if len(sets) > 1:
-        found = " and ".join(f"{one.names[0]} ... {one.names[-1]}" for one in sets)
-        columns = ", ".join(f'"{name}"' for name in sets[0].names)
+        chosen = [column_set for column_set in column_sets if rule(column_set)]
+        if chosen and len(chosen) < len(column_sets):
+            column_sets = chosen
+    longest = max(len(column_set.names) for column_set in column_sets)
+    column_sets = [column_set for column_set in column_sets if len(column_set.names) == longest]
+    if len(column_sets) > 1:
+        found = " and ".join(
+            f"{column_set.names[0]} ... {column_set.names[-1]}" for column_set in column_sets
+        )
+        columns = ", ".join(f'"{name}"' for name in column_sets[0].names)
         remedy = (
             f"add [{quantity}] columns = [{columns}], or the others, to a mapping file for --map"
         )
         if quantity == "point":
             remedy += (
                 "; if they are several reflectors in one row, keep all of them with one section for each, as in "
-                f"{reflector_lines([one.names for one in sets])}"
+                f"{reflector_lines([column_set.names for column_set in column_sets])}"
             )
         raise complaint(
             table.file, f"one set of columns for the {quantity.replace('_', ' ')}", found, remedy
         )
-    return sets[0]
+    return column_sets[0]
 
 
 def _classified(points, joints, measured_elsewhere: bool, table: RawTable):
     """The measured point and the flange's point, each None where it is not there."""
-    flange = [one for one in points if one.is_flange and not one.is_measured]
-    others = [one for one in points if one not in flange]
-    stated = [one for one in others if one.is_measured]
-    plain = [one for one in others if not one.is_measured]
+    flange = [
+        column_set for column_set in points if column_set.is_flange and not column_set.is_measured
+    ]
+    others = [column_set for column_set in points if column_set not in flange]
+    stated = [column_set for column_set in others if column_set.is_measured]
+    plain = [column_set for column_set in others if not column_set.is_measured]
     if measured_elsewhere:
         return None, _best(flange or others, table, "flange_point")
     if stated and plain and not flange and joints is None:
@@ -205,20 +231,31 @@ def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: M
     point, flange_point = points
     rotation = flange_rotation = None
     if stated.rotation is None:
-        free = [one for one in rotations if not _is_of(one, flange_point, table)]
+        free = [
+            column_set for column_set in rotations if not _is_of(column_set, flange_point, table)
+        ]
         rotation = _rotation_of(point, free, table, "rotation")
     if stated.flange_rotation is None:
         named = () if stated.rotation is None else stated.rotation.columns
-        free = [one for one in rotations if one is not rotation and not set(one.names) & set(named)]
+        free = [
+            column_set
+            for column_set in rotations
+            if column_set is not rotation and not set(column_set.names) & set(named)
+        ]
         flange_rotation = _rotation_of(flange_point, free, table, "flange_rotation")
     return rotation or _same_set(rotations, stated.rotation), (
         flange_rotation or _same_set(rotations, stated.flange_rotation)
     )
 
 
-def _same_set(sets: list[ColumnSet], group: Group | None) -> ColumnSet | None:
+def _same_set(column_sets: list[ColumnSet], group: Group | None) -> ColumnSet | None:
     """The set with exactly the columns of a stated group; None without it."""
-    return next((one for one in sets if group is not None and one.names == group.columns), None)
+    same_sets = (
+        column_set
+        for column_set in column_sets
+        if group is not None and column_set.names == group.columns
+    )
+    return next(same_sets, None)
 
 
 def _rotation_of(
@@ -227,40 +264,50 @@ def _rotation_of(
     """The rotation that belongs to a point: the one with the same words, else the only one."""
     if point is None:
         return None
-    same = [one for one in rotations if one.words == point.words]
-    same = same or [one for one in rotations if one.words & point.words] or rotations
+    same = [column_set for column_set in rotations if column_set.words == point.words]
+    same = (
+        same
+        or [column_set for column_set in rotations if column_set.words & point.words]
+        or rotations
+    )
     if len(same) > 1:  # the same rotation in two forms: the one that is no convention is preferred
         for kind in ("matrix", "quaternion", "vector"):
-            chosen = [one for one in same if one.kind == kind and not one.is_nominal]
+            chosen = [
+                column_set
+                for column_set in same
+                if column_set.kind == kind and not column_set.is_nominal
+            ]
             if len(chosen) == 1:
                 return chosen[0]
     return _best(same, table, quantity)
 
 
-def _group(one: ColumnSet | None, table: RawTable, quantity: str) -> Group | None:
+def _group(column_set: ColumnSet | None, table: RawTable, quantity: str) -> Group | None:
     """Columns of a set with what headers and format state about them."""
-    if one is None:
+    if column_set is None:
         return None
-    unit = _unit(one, table.default_units.get(quantity))
-    if one.kind in ("joints", "point", "stated"):
-        return Group(one.names, unit, one.labels if is_spherical(one.labels) else None)
-    stated = table.conventions.get(one.names[0])
+    unit = _unit(column_set, table.default_units.get(quantity))
+    if column_set.kind in ("joints", "point", "stated"):
+        return Group(
+            column_set.names, unit, column_set.labels if is_spherical(column_set.labels) else None
+        )
+    stated = table.conventions.get(column_set.names[0])
     if stated is not None:
-        return Group(one.names, unit if one.kind == "angles" else None, stated)
-    if one.kind == "vector":
-        return Group(one.names, unit, "rotation vector")
-    if one.kind == "matrix":
-        return Group(one.names, None, None)
-    if one.kind == "quaternion" and one.labels == "wxyz":
-        return Group(one.names, None, "quaternion wxyz")
-    return Group(one.names, unit if one.kind == "angles" else None, None)
+        return Group(column_set.names, unit if column_set.kind == "angles" else None, stated)
+    if column_set.kind == "vector":
+        return Group(column_set.names, unit, "rotation vector")
+    if column_set.kind == "matrix":
+        return Group(column_set.names, None, None)
+    if column_set.kind == "quaternion" and column_set.labels == "wxyz":
+        return Group(column_set.names, None, "quaternion wxyz")
+    return Group(column_set.names, unit if column_set.kind == "angles" else None, None)
 
 
-def _unit(one: ColumnSet, default: str | None) -> ColumnUnits:
+def _unit(column_set: ColumnSet, default: str | None) -> ColumnUnits:
     """The unit of a set, columns without one with that of the file."""
-    if one.unit is None or default is None or not isinstance(one.unit, tuple):
-        return one.unit or default
-    return joined_units([word or default for word in one.unit])
+    if column_set.unit is None or default is None or not isinstance(column_set.unit, tuple):
+        return column_set.unit or default
+    return joined_units([word or default for word in column_set.unit])
 
 
 def _copied(table: RawTable, measured: tuple[str, ...]) -> dict[str, str]:

@@ -63,12 +63,12 @@ def _collect(name: str, value, arrays: dict[str, np.ndarray]) -> None:
 
 def _stacked(cells) -> np.ndarray | None:
     """(n, k) numbers of n structures or cells, or (n, 4, 4) of transforms; None where they hold anything else."""
-    parts = [np.asarray(cell) for cell in cells]
-    if len({part.shape for part in parts}) > 1 or parts[0].dtype.kind not in "fiu":
+    arrays = [np.asarray(cell) for cell in cells]
+    if len({part.shape for part in arrays}) > 1 or arrays[0].dtype.kind not in "fiu":
         return None
-    stacked = np.stack(parts).astype(float)
+    stacked = np.stack(arrays).astype(float)
     is_pose = stacked.shape[1:] in _POSES
-    return stacked if is_pose else stacked.reshape(len(parts), -1)
+    return stacked if is_pose else stacked.reshape(len(arrays), -1)
 
 
 def _hdf5_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -81,12 +81,12 @@ def _hdf5_arrays(path: Path) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
 
     def collect(name: str, node) -> None:
-        parts = name.split("/")
+        words = name.split("/")
         is_number = isinstance(node, h5py.Dataset) and node.dtype.kind in "fiu"
-        if parts[0].startswith("#") or not is_number or "MATLAB_empty" in node.attrs:
+        if words[0].startswith("#") or not is_number or "MATLAB_empty" in node.attrs:
             return
         if node.attrs.get("MATLAB_class", b"double") not in _HDF5_NOT_NUMBERS:
-            arrays[" ".join(parts)] = np.asarray(node[()], float).T
+            arrays[" ".join(words)] = np.asarray(node[()], float).T
 
     try:
         with h5py.File(path, "r") as file:

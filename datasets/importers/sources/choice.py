@@ -43,7 +43,7 @@ _IN_FOLDERS = (
     *(*storage.EXTENSIONS, *joint_lists.EXTENSIONS, *yaskawa_jobs.EXTENSIONS, *clouds.EXTENSIONS),
 )
 """Extensions of the files that are read in a folder."""
-_OURS = {"recording.toml", "import.toml"}
+_OUTPUT_FILES = {"recording.toml", "import.toml"}
 _FEWEST_PROFILES = 3
 
 
@@ -174,7 +174,7 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
     for path in files:
         if path.suffix.lower() in _TEXT | STRUCTURED and path not in others:
             continue
-        is_ours = path.name in _OURS or path.stem.lower().startswith("readme")
+        is_ours = path.name in _OUTPUT_FILES or path.stem.lower().startswith("readme")
         if is_ours or path.suffix.lower() not in _IN_FOLDERS:
             skipped.append(path.name)
             continue
@@ -191,5 +191,5 @@ def _many(paths: list[Path]) -> list[Path]:
 
 def natural_order(path: Path | str) -> list:
     """Sort key by which image-2 comes before image-10."""
-    parts = re.split(r"(\d+)", str(path).lower())
-    return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts]
+    pieces = re.split(r"(\d+)", str(path).lower())
+    return [(1, int(part), "") if part.isdigit() else (0, 0, part) for part in pieces]

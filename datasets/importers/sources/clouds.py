@@ -31,8 +31,8 @@ def is_profile(path: Path) -> bool:
         # the depth of an invalid point may be an empty cell, of most points where the object is narrow
         if titles >= len(head) / 3 or any(len(row) > 2 for row in rows):
             return False
-        every = chain(rows, filter(None, map(_numbers, file)))
-        pairs = (row for row in every if len(row) == 2)
+        all_rows = chain(rows, filter(None, map(_numbers, file)))
+        pairs = (row for row in all_rows if len(row) == 2)
         return len(list(islice(pairs, _FEWEST_IN_PROFILE))) == _FEWEST_IN_PROFILE
 
 
@@ -46,8 +46,8 @@ def _numbers(line: str) -> list[float] | None:
         return None
 
 
-def read_cloud(path: Path, most: int) -> np.ndarray:
-    """(n, 3) points of a file in its own units, at most about `most`, spread evenly over the file.
+def read_cloud(path: Path, max_points: int) -> np.ndarray:
+    """(n, 3) points of a file in its own units, at most about `max_points`, spread evenly over the file.
 
     A profile has y = 0.
 
@@ -79,9 +79,9 @@ def read_cloud(path: Path, most: int) -> np.ndarray:
             f"{len(points)}",
             "export the cloud again",
         )
-    if len(points) <= most:
+    if len(points) <= max_points:
         return points
-    return points[np.linspace(0, len(points) - 1, most).astype(int)]
+    return points[np.linspace(0, len(points) - 1, max_points).astype(int)]
 
 
 def is_text_cloud(path: Path) -> bool:
@@ -113,13 +113,13 @@ def without_markers(points: np.ndarray) -> np.ndarray:
     depths, counts = np.unique(points[:, 2], return_counts=True)
     if len(depths) < 3:
         return points
-    most = int(counts.argmax())
+    most_frequent = int(counts.argmax())
     second = np.partition(counts, -2)[-2]
-    is_frequent = counts[most] >= max(_REPEATED, _REPEATED_SHARE * len(points))
-    is_end = most in (0, len(depths) - 1) or depths[most] == 0
-    if not (is_frequent and is_end and counts[most] > _TIMES_AS_OFTEN * second):
+    is_frequent = counts[most_frequent] >= max(_REPEATED, _REPEATED_SHARE * len(points))
+    is_end = most_frequent in (0, len(depths) - 1) or depths[most_frequent] == 0
+    if not (is_frequent and is_end and counts[most_frequent] > _TIMES_AS_OFTEN * second):
         return points
-    return points[points[:, 2] != depths[most]]
+    return points[points[:, 2] != depths[most_frequent]]
 
 
 def _check_header(path: Path) -> None:

@@ -81,7 +81,7 @@ def placements(rows: Sequence[Mapping], fixed: np.ndarray, convention: str) -> d
     """
     moving = np.flatnonzero(~fixed)
     ends = {"base": rows[: moving[0]], "flange": rows[moving[-1] + 1 :]}
-    return {name: _placement(some, convention) for name, some in ends.items() if some}
+    return {name: _placement(end_rows, convention) for name, end_rows in ends.items() if end_rows}
 
 
 def _placement(rows: Sequence[Mapping], convention: str) -> dict:

@@ -93,13 +93,13 @@ def read_dh_table(path: Path) -> list[dict]:
         for k in range(table.n)
     ]
     rows = [_tidy_row(row) for row in rows]
-    more, limits = [_optional(table, k) for k in range(table.n)], _limits(table)
-    fixed = fixed_rows(table, columns["theta"].name, ["kind" in one for one in more])
+    optional_keys, limits = [_optional(table, k) for k in range(table.n)], _limits(table)
+    fixed = fixed_rows(table, columns["theta"].name, ["kind" in keys for keys in optional_keys])
     joints = []
     theta = table.columns[columns["theta"].name]
     for k in np.flatnonzero(~fixed):
-        joint = rows[k] | _variables(str(theta[k]), len(joints) + 1) | more[k]
-        if np.isfinite(limits[k]).all() and "kind" not in more[k]:
+        joint = rows[k] | _variables(str(theta[k]), len(joints) + 1) | optional_keys[k]
+        if np.isfinite(limits[k]).all() and "kind" not in optional_keys[k]:
             joint["limits_deg"] = limits[k].tolist()
         joints.append(joint)
     return [

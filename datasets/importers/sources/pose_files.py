@@ -39,10 +39,10 @@ def read_pose_files(paths: Sequence[Path]) -> tuple[list[RawTable], list[Path]]:
 
 def _series(paths: Sequence[Path]) -> list[list[Path]]:
     """The files of two series with equally many files, or all together."""
-    parts: dict[str, list[Path]] = {}
+    paths_by_stem: dict[str, list[Path]] = {}
     for path in paths:
-        parts.setdefault(re.sub(r"[\W_]*\d+$", "", path.stem), []).append(path)
-    found = list(parts.values())
+        paths_by_stem.setdefault(re.sub(r"[\W_]*\d+$", "", path.stem), []).append(path)
+    found = list(paths_by_stem.values())
     is_pair = len(found) == 2 and len(found[0]) == len(found[1]) >= _FEWEST
     return found if is_pair else [list(paths)]
 
@@ -66,12 +66,12 @@ def _numbers(path: Path) -> list[float] | None:
     try:
         text = path.read_text(encoding="utf-8")
         if path.suffix.lower() in STRUCTURED:
-            lists = [_NUMBER.findall(one[0]) for one in _LIST.finditer(text)]
+            lists = [_NUMBER.findall(match[0]) for match in _LIST.finditer(text)]
             longest = max(lists, key=len, default=[])
             if (
                 len(longest) == 1
             ):  # a column vector, one number on each line, as in the files of ViSP
-                longest = [one[0] for one in lists if one]
+                longest = [match[0] for match in lists if match]
             return [float(cell) for cell in longest]
         halcon = {letter: numbers.split() for letter, numbers in _HALCON.findall(text)}
         if len(halcon) == 2:

@@ -89,9 +89,9 @@ def flattened(content: Mapping, prefix: str = "") -> dict:
 
 def _seconds(value) -> float | None:
     """The seconds of a time stamp of ROS, {secs, nsecs} or {sec, nanosec}; None for another value."""
-    for whole, rest in _STAMPS:
-        if isinstance(value, Mapping) and set(value) == {whole, rest}:
-            return value[whole] + 1e-9 * value[rest]
+    for seconds_key, nanoseconds_key in _STAMPS:
+        if isinstance(value, Mapping) and set(value) == {seconds_key, nanoseconds_key}:
+            return value[seconds_key] + 1e-9 * value[nanoseconds_key]
     return None
 
 
@@ -115,7 +115,7 @@ def _by_joint_names(content: Mapping) -> Mapping:
 
 
 def _is_list_of(value, kind: type) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, kind) for one in value)
+    return isinstance(value, list) and bool(value) and all(isinstance(item, kind) for item in value)
 
 
 def _width(value) -> int:

@@ -165,12 +165,12 @@ def _pose_row(pose) -> dict[str, float]:
     )
 
 
-def _time(message, otherwise: float) -> float:
+def _time(message, default: float) -> float:
     """Seconds of the header's stamp; of the recording where the header has none."""
     stamp = message.header.stamp
     nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec
     seconds = stamp.sec + 1e-9 * nanoseconds
-    return seconds if seconds > 0 else otherwise
+    return seconds if seconds > 0 else default
 
 
 def _pixels(message) -> np.ndarray | None:

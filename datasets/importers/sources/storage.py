@@ -15,7 +15,7 @@ from workbench.core.text.structured_text import ContentError, parse_json, read_j
 XML, JSON_LINES = {".xml", ".dtx"}, {".jsonl", ".ndjson"}
 EXTENSIONS = {".yml", ".yaml", ".json", *XML, *JSON_LINES}
 _HEAD_BYTES = 4096
-_PARTS = re.compile(
+_NUMBERED_PART = re.compile(
     r"(?:(R|rot|rotation|rmat)|(t|tvec|trans|translation))(?:[_ ]+(.*?))?[_ ]?(\d+)", re.I
 )
 
@@ -183,17 +183,17 @@ def _sequence(node, called: str):
 
 def _joined_parts(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Numbered 4 x 4 matrices of rotations (R_gripper2base_0, ...) and translations with the same end of their name."""
-    parts: dict[tuple[str, str], dict[bool, np.ndarray]] = {}
+    parts_of_pose: dict[tuple[str, str], dict[bool, np.ndarray]] = {}
     for name, value in arrays.items():
-        found = _PARTS.fullmatch(name)
+        found = _NUMBERED_PART.fullmatch(name)
         if found and value.shape in ((3, 3), (3, 1), (1, 3)):
             is_rotation = bool(found[1]) and value.shape == (3, 3)
-            parts.setdefault((found[3] or "pose", found[4]), {})[is_rotation] = value
+            parts_of_pose.setdefault((found[3] or "pose", found[4]), {})[is_rotation] = value
     made = {}
-    for (name, number), both in parts.items():
-        if len(both) == 2:
+    for (name, number), pose_parts in parts_of_pose.items():
+        if len(pose_parts) == 2:
             pose = np.eye(4)
-            pose[:3, :3], pose[:3, 3] = both[True], both[False].ravel()
+            pose[:3, :3], pose[:3, 3] = pose_parts[True], pose_parts[False].ravel()
             made[f"{name}_{number}"] = pose
     return made
 

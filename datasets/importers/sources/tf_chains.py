@@ -57,12 +57,12 @@ def _extension(end: str, edges: Mapping[Edge, np.ndarray]) -> list[Edge]:
     return []
 
 
-def _composed(parts: Sequence[np.ndarray], path: Sequence[Edge], moving) -> np.ndarray:
+def _composed(transforms: Sequence[np.ndarray], path: Sequence[Edge], moving) -> np.ndarray:
     """(n, 8) of the product of transforms, at the times of the last one that moves where all others have a message."""
     last = max(k for k, edge in enumerate(path) if edge in moving)
-    times = parts[last][:, 0]
+    times = transforms[last][:, 0]
     poses, is_known = np.tile(np.eye(4), (len(times), 1, 1)), np.ones(len(times), bool)
-    for edge, rows in zip(path, parts):
+    for edge, rows in zip(path, transforms):
         nearest = np.abs(rows[:, :1] - times).argmin(0)
         if edge in moving:
             is_known &= np.abs(rows[nearest, 0] - times) <= _GAP_S

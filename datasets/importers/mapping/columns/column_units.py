@@ -39,7 +39,9 @@ def completed_units(
         return (unit,)
     stated = [word for word in usual if word in unit]
     ordered = [*stated, *(word for word in usual if word not in stated)]
-    filled = [tuple(word if word in known else one for word in unit) for one in ordered]
+    filled = [
+        tuple(word if word in known else usual_unit for word in unit) for usual_unit in ordered
+    ]
     return tuple(joined_units(words) for words in filled)
 
 
@@ -54,7 +56,9 @@ def unit_words(unit: ColumnUnits, columns: Sequence[str], word: Callable[[str], 
         return word(unit)
     common = Counter(unit).most_common(1)[0][0]
     others = [
-        f"'{name}' in {word(own)}" for name, own in zip(columns, unit, strict=True) if own != common
+        f"'{name}' in {word(of_column)}"
+        for name, of_column in zip(columns, unit, strict=True)
+        if of_column != common
     ]
     return ", ".join([word(common), *others])
 

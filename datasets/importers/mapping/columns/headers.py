@@ -185,8 +185,10 @@ def read_header(name: str, unit: str | None = None) -> Header:
     A name that two tables have is "table: name"; the words of the table stand in front.
     """
     table, _, column = name.rpartition(": ")
-    if table and (own := read_header(column, unit)).kind:
-        return replace(own, name=name, words=(*_words(_plain(table)), *own.words))
+    if table and (column_header := read_header(column, unit)).kind:
+        return replace(
+            column_header, name=name, words=(*_words(_plain(table)), *column_header.words)
+        )
     repeated = _REPEATED.fullmatch(name)
     text, found = _split_unit(_plain(repeated[1] if repeated else name))
     words = [repeated[2], *_words(text)] if repeated else _words(text)
@@ -294,8 +296,8 @@ def _is_index(text: str, match: re.Match) -> bool:
 
 def _words(text: str) -> list[str]:
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
-    parts = re.split(r"[^A-Za-z0-9]+", spaced.lower().replace("A-Z", ""))
-    return in_english([part for part in parts if part])
+    words = re.split(r"[^A-Za-z0-9]+", spaced.lower().replace("A-Z", ""))
+    return in_english([part for part in words if part])
 
 
 def _kind(core: str) -> tuple[str, str]:

@@ -36,23 +36,29 @@ def stacked(table: RawTable, mapping: Mapping) -> RawTable:
     The coordinates stand under the headers of the first reflector. Rows where a reflector has no number are left out.
     Raises InputError for columns that the table lacks or whose headers state different units.
     """
-    sets = mapping.reflectors
-    if not sets or not any(set(names) & set(table.columns) for names in sets.values()):
+    column_sets = mapping.reflectors
+    if not column_sets or not any(
+        set(names) & set(table.columns) for names in column_sets.values()
+    ):
         return table
-    _check(table, sets)
-    parts = {name: np.stack([table.numbers(n) for n in names]) for name, names in sets.items()}
-    is_seen = np.stack([np.isfinite(part).any(axis=0) for part in parts.values()], axis=1)
+    _check(table, column_sets)
+    points = {
+        name: np.stack([table.numbers(n) for n in names]) for name, names in column_sets.items()
+    }
+    is_seen = np.stack([np.isfinite(part).any(axis=0) for part in points.values()], axis=1)
     rows, places = np.nonzero(is_seen)
-    named = {name for names in sets.values() for name in names}
+    named = {name for names in column_sets.values() for name in names}
     kept = {name: cells[rows] for name, cells in table.columns.items() if name not in named}
-    values = np.stack(list(parts.values()))[places, :, rows]
-    first = next(iter(sets.values()))
+    values = np.stack(list(points.values()))[places, :, rows]
+    first = next(iter(column_sets.values()))
     kept |= dict(zip(first, values.T))
     if POSE not in mapping.columns.values() or mapping.columns.get(POSE) == POSE:
         kept.setdefault(POSE, rows + 1.0)
-    kept[REFLECTOR] = np.array(list(sets))[places]
-    said = _missing_sentences(table, list(sets), is_seen)
-    return replace(table, columns=kept, lines=table.lines[rows], warnings=(*table.warnings, *said))
+    kept[REFLECTOR] = np.array(list(column_sets))[places]
+    sentences = _missing_sentences(table, list(column_sets), is_seen)
+    return replace(
+        table, columns=kept, lines=table.lines[rows], warnings=(*table.warnings, *sentences)
+    )
 
 
 def _missing_sentences(table: RawTable, names: list[str], is_seen: np.ndarray) -> list[str]:
@@ -67,10 +73,10 @@ def _missing_sentences(table: RawTable, names: list[str], is_seen: np.ndarray) -
     return [f"{table.file}: rows hold the reflector {', '.join(counts)}; empty cells are left out."]
 
 
-def _check(table: RawTable, sets: Keys[str, Sequence[str]]) -> None:
+def _check(table: RawTable, column_sets: Keys[str, Sequence[str]]) -> None:
     """Raise InputError for a column that the table lacks, and for reflectors in different units."""
     units = {}
-    for reflector, names in sets.items():
+    for reflector, names in column_sets.items():
         for name in names:
             if name not in table.columns:
                 raise complaint(
@@ -81,24 +87,24 @@ def _check(table: RawTable, sets: Keys[str, Sequence[str]]) -> None:
                 )
         units[reflector] = [read_header(n, table.units.get(n)).unit for n in names]
     first = next(iter(units.values()))
-    for reflector, own in units.items():
-        if own != first:
+    for reflector, unit in units.items():
+        if unit != first:
             raise complaint(
                 f"{table.file}, [point.{quoted_key(reflector)}]",
                 f"the units of the first reflector ({first})",
-                f"{own}",
+                f"{unit}",
                 "correct the headers",
             )
 
 
-def reflector_lines(sets: Sequence[Sequence[str]]) -> str:
+def reflector_lines(column_sets: Sequence[Sequence[str]]) -> str:
     """The lines of a mapping file that keep all of several sets of point columns as reflectors, on one line."""
-    names = [_common_name(columns) for columns in sets]
+    names = [_common_name(columns) for columns in column_sets]
     if len(set(names)) < len(names) or not all(names):
-        names = [str(number) for number in range(1, len(sets) + 1)]
+        names = [str(number) for number in range(1, len(column_sets) + 1)]
     lines = [
         f"[point.{quoted_key(name)}] columns = [{', '.join(map(json.dumps, columns))}]"
-        for name, columns in zip(names, sets)
+        for name, columns in zip(names, column_sets)
     ]
     return ", ".join(lines)
 

@@ -93,12 +93,14 @@ def find_sets(table: RawTable) -> list[ColumnSet]:
     found: list[ColumnSet] = []
     for words, same in by_words.items():
         made = _sets_of(same, table)
-        found += [one for one in made if one.labels != "abc" or words not in longer]
-    if not any(one.kind == "point" and not one.is_flange for one in found):
+        found += [
+            column_set for column_set in made if column_set.labels != "abc" or words not in longer
+        ]
+    if not any(column_set.kind == "point" and not column_set.is_flange for column_set in found):
         found += _spherical(table) or _numbered_points(headers)
     found = _with_quaternions_by_length(found, table)
     order = {name: k for k, name in enumerate(table.columns)}
-    return sorted(found, key=lambda one: order[one.names[0]])
+    return sorted(found, key=lambda column_set: order[column_set.names[0]])
 
 
 def _with_quaternions_by_length(found: list[ColumnSet], table: RawTable) -> list[ColumnSet]:
@@ -110,15 +112,20 @@ def _with_quaternions_by_length(found: list[ColumnSet], table: RawTable) -> list
     headers = headers_of(table)
     by_stem = columns_by_stem(n for n, cells in table.columns.items() if cells.dtype.kind == "f")
     for names in by_stem.values():
-        own = {name: headers[name] for name in names}
-        words = [{*header.words, header.core} for header in own.values()]
+        own_headers = {name: headers[name] for name in names}
+        words = [{*header.words, header.core} for header in own_headers.values()]
         common = frozenset(set.intersection(*words))
-        taken = [one for one in found if set(one.names) & set(names)]
-        is_free = all(one.kind in _PARTIAL and set(one.names) <= set(names) for one in taken)
+        taken = [column_set for column_set in found if set(column_set.names) & set(names)]
+        is_free = all(
+            column_set.kind in _PARTIAL and set(column_set.names) <= set(names)
+            for column_set in taken
+        )
         is_change = len(names) == 4 and is_free and not common & DEVIATION_WORDS
-        if is_change and _has_length_1(own, table) and _varies(names, table):
-            found = [one for one in found if one not in taken]
-            found.append(replace(_set("quaternion", list(own.values()), "numbered"), words=common))
+        if is_change and _has_length_1(own_headers, table) and _varies(names, table):
+            found = [column_set for column_set in found if column_set not in taken]
+            found.append(
+                replace(_set("quaternion", list(own_headers.values()), "numbered"), words=common)
+            )
     return found
 
 
@@ -159,14 +166,14 @@ def _sets_of(headers: Sequence[Header], table: RawTable) -> list[ColumnSet]:
     kinds["xyz"] = _axes_of_one_name(headers) or kinds.get("xyz", {})
     _give_scalar_part(kinds, table)
     words = kinds.get("word", {}) | {core: h for h in headers if (core := h.core) in SLURBT}
-    sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
+    column_sets = [*_numbered(kinds, table), *_points(kinds), *_rotations(kinds)]
     for name, wanted in WORD_SETS.items():
         is_taken = _is_slurbt(words) and set(wanted) & set(SLURBT)
         if all(word in words for word in wanted) and not is_taken:
-            sets.append(_set("angles", [words[word] for word in wanted], name))
+            column_sets.append(_set("angles", [words[word] for word in wanted], name))
     if _is_slurbt(words):
-        sets.append(_set("joints", [words[word] for word in SLURBT], "slurbt"))
-    return sets
+        column_sets.append(_set("joints", [words[word] for word in SLURBT], "slurbt"))
+    return column_sets
 
 
 def _axes_of_one_name(headers: Sequence[Header]) -> dict[str, Header]:
@@ -223,47 +230,47 @@ def _matrix_names(matrix: Mapping[str, Header]) -> tuple[str, ...]:
 
 def _rotations(kinds: Mapping[str, Mapping[str, Header]]) -> list[ColumnSet]:
     """Quaternions, angles about axes, rotation vectors, matrices and axes of one object."""
-    sets = []
+    column_sets = []
     components = kinds.get("turn", {})
     if all(axis in components for axis in "wxyz"):
-        sets.append(_set("quaternion", [components[axis] for axis in "wxyz"], "wxyz"))
+        column_sets.append(_set("quaternion", [components[axis] for axis in "wxyz"], "wxyz"))
     elif all(axis in components for axis in "xyz"):
-        sets.append(_set("angles", [components[axis] for axis in "xyz"], "turn"))
-    parts = kinds.get("qpart", {})
-    if all(name in parts for name in "rijk"):
-        sets.append(_set("quaternion", [parts[name] for name in "rijk"], "wxyz"))
+        column_sets.append(_set("angles", [components[axis] for axis in "xyz"], "turn"))
+    quaternion_parts = kinds.get("qpart", {})
+    if all(name in quaternion_parts for name in "rijk"):
+        column_sets.append(_set("quaternion", [quaternion_parts[name] for name in "rijk"], "wxyz"))
     vector = kinds.get("rotvec", {})
     for labels in ("xyz", "123"):
         if all(axis in vector for axis in labels):
-            sets.append(_set("vector", [vector[axis] for axis in labels], labels))
+            column_sets.append(_set("vector", [vector[axis] for axis in labels], labels))
     euler = kinds.get("euler", {})
     if all(number in euler for number in "0123"):
-        sets.append(_set("quaternion", [euler[number] for number in "0123"], "numbered"))
+        column_sets.append(_set("quaternion", [euler[number] for number in "0123"], "numbered"))
     elif all(number in euler for number in "123") and "4" not in euler:
         # E1 to E6 are the external axes of KUKA
-        sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
+        column_sets.append(_set("angles", [euler[number] for number in "123"], "euler"))
     matrix = kinds.get("matrix", {})
     names = _matrix_names(matrix)
     if all(name in matrix for name in names):
-        sets.append(_set("matrix", [matrix[name] for name in names]))
+        column_sets.append(_set("matrix", [matrix[name] for name in names]))
     axis = kinds.get("axis", {})
     if all(name in axis for name in _NOA):
-        sets.append(_set("matrix", [axis[name] for name in _NOA], "noa"))
+        column_sets.append(_set("matrix", [axis[name] for name in _NOA], "noa"))
     else:
         for letter in "no":
             if all(letter + c in axis for c in "xyz"):
-                sets.append(_set("axis", [axis[letter + c] for c in "xyz"], letter))
-    return sets
+                column_sets.append(_set("axis", [axis[letter + c] for c in "xyz"], letter))
+    return column_sets
 
 
 def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> list[ColumnSet]:
     """Joint readings, quaternions q0 ... q3 and poses pose_0 ... pose_5."""
-    sets = []
+    column_sets = []
     joints = dict(kinds.get("joint", {}))
     quaternion = kinds.get("qindex", {})
     if len(quaternion) == 4 and _has_length_1(quaternion, table):
         ordered = [quaternion[number] for number in sorted(quaternion)]
-        sets.append(_set("quaternion", ordered, "numbered"))
+        column_sets.append(_set("quaternion", ordered, "numbered"))
     else:
         joints = dict(quaternion) | joints
     numbers = sorted(int(number) for number in joints)
@@ -271,11 +278,11 @@ def _numbered(kinds: Mapping[str, Mapping[str, Header]], table: RawTable) -> lis
         by_number = {int(label): header for label, header in joints.items()}
         ordered = [by_number[number] for number in numbers]
         is_point = len(numbers) == 3 and ordered[0].core.startswith("pos")
-        sets.append(_set("point" if is_point else "joints", ordered))
+        column_sets.append(_set("point" if is_point else "joints", ordered))
     triple = kinds.get("numbered", {})
     if sorted(triple) in (["0", "1", "2"], ["1", "2", "3"]):
-        sets.append(_set("point", [triple[number] for number in sorted(triple)]))
-    return sets + _poses(kinds.get("posecomponent", {}), table)
+        column_sets.append(_set("point", [triple[number] for number in sorted(triple)]))
+    return column_sets + _poses(kinds.get("posecomponent", {}), table)
 
 
 def _is_series(numbers: Sequence[int]) -> bool:

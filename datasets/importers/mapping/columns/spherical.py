@@ -35,8 +35,8 @@ _PATTERNS = {
 
 
 def _conventions() -> tuple[str, ...]:
-    parts = product(("", *VERTICAL), ("", *UNITS), ("", *DIRECTIONS))
-    return tuple(" ".join(filter(None, (SPHERICAL, *words))) for words in parts)
+    word_groups = product(("", *VERTICAL), ("", *UNITS), ("", *DIRECTIONS))
+    return tuple(" ".join(filter(None, (SPHERICAL, *words))) for words in word_groups)
 
 
 CONVENTIONS = _conventions()
@@ -53,8 +53,8 @@ def completions(convention: str, stated_only: bool = True) -> list[str]:
     stated = set(convention.split()) if stated_only else set()
     choices = []
     for known, tested in ((VERTICAL, VERTICAL), (UNITS, _TESTED_UNITS), (DIRECTIONS, DIRECTIONS)):
-        said = [word for word in known if word in stated]
-        choices.append(said or tested)
+        stated_words = [word for word in known if word in stated]
+        choices.append(stated_words or tested)
     return [" ".join((SPHERICAL, *words)) for words in product(*choices)]
 
 

@@ -28,19 +28,23 @@ def interpolated(times: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> n
     return values[before] + change + bend * ((1 - share) * first - share * last)
 
 
-def _tangents(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(m,) slopes at the samples `at` (m,): weighted harmonic means of the slopes to either side, 0 at extrema.
+def _tangents(times: np.ndarray, values: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """(m,) slopes at the samples `samples` (m,): weighted harmonic means of the slopes to either side, 0 at extrema.
 
     At the ends, and at a step between two samples of equal time, the slope of the side that has one.
     """
-    back, slope_back = _slopes(times, values, np.maximum(at - 1, 0), at)
-    ahead, slope_ahead = _slopes(times, values, at, np.minimum(at + 1, len(times) - 1))
-    weight_back, weight_ahead = 2 * ahead + back, ahead + 2 * back
-    is_inner = slope_back * slope_ahead > 0
-    divisor = weight_back * slope_ahead + weight_ahead * slope_back
-    product = (weight_back + weight_ahead) * slope_back * slope_ahead
+    slope_before, end_slope_before = _slopes(times, values, np.maximum(samples - 1, 0), samples)
+    slope_after, end_slope_after = _slopes(
+        times, values, samples, np.minimum(samples + 1, len(times) - 1)
+    )
+    weight_back, weight_ahead = 2 * slope_after + slope_before, slope_after + 2 * slope_before
+    is_inner = end_slope_before * end_slope_after > 0
+    divisor = weight_back * end_slope_after + weight_ahead * end_slope_before
+    product = (weight_back + weight_ahead) * end_slope_before * end_slope_after
     mean = np.where(is_inner, product / np.where(is_inner, divisor, 1.0), 0.0)
-    return np.where(back == 0, slope_ahead, np.where(ahead == 0, slope_back, mean))
+    return np.where(
+        slope_before == 0, end_slope_after, np.where(slope_after == 0, end_slope_before, mean)
+    )
 
 
 def _slopes(times, values, first, last) -> tuple[np.ndarray, np.ndarray]:

@@ -55,19 +55,19 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
     """
     joined, used, warnings = tables[0], join, []
     for table in tables[1:]:
-        few, many = (joined, table) if joined.n <= table.n else (table, joined)
-        few, many = with_own_names(few, many)
-        used = join if join.by else _choose(few, many, join)
+        shorter, longer = (joined, table) if joined.n <= table.n else (table, joined)
+        shorter, longer = with_own_names(shorter, longer)
+        used = join if join.by else _choose(shorter, longer, join)
         if used.by == "index":
-            joined, said = _by_index(few, many)
-            warnings += said
-            warnings += [] if join.by else unused_names(few, many)
+            joined, sentences = _by_index(shorter, longer)
+            warnings += sentences
+            warnings += [] if join.by else unused_names(shorter, longer)
         elif used.by == "key":
-            joined, said = _by_key(few, many, used)
-            warnings += said
+            joined, sentences = _by_key(shorter, longer, used)
+            warnings += sentences
         else:
-            joined, used, said = _by_time(few, many, used)
-            warnings += said
+            joined, used, sentences = _by_time(shorter, longer, used)
+            warnings += sentences
     return joined, used, tuple(warnings)
 
 
@@ -91,32 +91,35 @@ def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
     )
 
 
-def _choose(few: RawTable, many: RawTable, join: Join) -> Join:
+def _choose(shorter: RawTable, longer: RawTable, join: Join) -> Join:
     """The way of joining that the tables themselves offer."""
-    has_times = seconds_of(few) is not None and seconds_of(many) is not None
-    for mine, its in shared_keys(few, many):
-        if has_times and _are_counters_of_rows(few.columns[mine], many.columns[its]):
+    has_times = seconds_of(shorter) is not None and seconds_of(longer) is not None
+    for column, other_column in shared_keys(shorter, longer):
+        if has_times and _are_counters_of_rows(
+            shorter.columns[column], longer.columns[other_column]
+        ):
             continue
-        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
-            key, other = mine.rpartition(": ")[2], its.rpartition(": ")[2]
+        if match_share(shorter.columns[column], longer.columns[other_column]) >= OVERLAP:
+            key, other = column.rpartition(": ")[2], other_column.rpartition(": ")[2]
             return replace(join, by="key", key=key if key == other else None)
-    if few.n == many.n:
+    if shorter.n == longer.n:
         is_named = any(
-            match_share(few.columns[mine], many.columns[its]) == 1.0
-            for mine, its in other_keys(few, many)
+            match_share(shorter.columns[column], longer.columns[other_column]) == 1.0
+            for column, other_column in other_keys(shorter, longer)
         )
         return replace(join, by="key" if is_named else "index", key=None)
     if has_times:
         return replace(join, by="time")
-    for mine, its in [*other_keys(few, many), *repeated_keys(few, many)]:
-        if match_share(few.columns[mine], many.columns[its]) >= OVERLAP:
+    for column, other_column in [*other_keys(shorter, longer), *repeated_keys(shorter, longer)]:
+        if match_share(shorter.columns[column], longer.columns[other_column]) >= OVERLAP:
             return replace(join, by="key", key=None)
-    if with_rows_of_reflectors(few, many) is not None:
+    if with_rows_of_reflectors(shorter, longer) is not None:
         return replace(join, by="index", key=None)
     raise complaint(
-        f"{few.file} and {many.file}",
+        f"{shorter.file} and {longer.file}",
         "equally many rows, a column with the same numbers or names in both, or times in both",
-        f"{few.n} and {many.n} rows, {differing_names(few, many) or 'no such column'}, and no times in both",
+        f"{shorter.n} and {longer.n} rows, {differing_names(shorter, longer) or 'no such column'}, and no times in "
+        "both",
         'add the column, or write [join] by = "key" with key = "<column>" into a mapping file for --map',
     )
 
@@ -134,80 +137,90 @@ def _are_counters_of_rows(first: np.ndarray, second: np.ndarray) -> bool:
     )
 
 
-def _by_index(few: RawTable, many: RawTable) -> tuple[RawTable, tuple[str, ...]]:
-    said: tuple[str, ...] = ()
-    by_reflector = None if few.n == many.n else with_rows_of_reflectors(few, many)
+def _by_index(shorter: RawTable, longer: RawTable) -> tuple[RawTable, tuple[str, ...]]:
+    sentences: tuple[str, ...] = ()
+    by_reflector = None if shorter.n == longer.n else with_rows_of_reflectors(shorter, longer)
     if by_reflector is not None:
-        few, many, said = by_reflector
-    if few.n != many.n:
+        shorter, longer, sentences = by_reflector
+    if shorter.n != longer.n:
         raise complaint(
-            f"{few.file} and {many.file}",
+            f"{shorter.file} and {longer.file}",
             "equally many rows to join them by index",
-            f"{few.n} and {many.n}",
+            f"{shorter.n} and {longer.n}",
             "remove the surplus rows or join by key or time",
         )
-    return _side_by_side(few, many), said
+    return _side_by_side(shorter, longer), sentences
 
 
-def _side_by_side(few: RawTable, many: RawTable) -> RawTable:
+def _side_by_side(shorter: RawTable, longer: RawTable) -> RawTable:
     return replace(
-        few,
-        file=f"{few.file} + {many.file}",
-        columns={**few.columns, **many.columns},
-        units={**few.units, **many.units},
-        conventions={**few.conventions, **many.conventions},
-        default_units={**few.default_units, **many.default_units},
-        warnings=(*few.warnings, *many.warnings),
+        shorter,
+        file=f"{shorter.file} + {longer.file}",
+        columns={**shorter.columns, **longer.columns},
+        units={**shorter.units, **longer.units},
+        conventions={**shorter.conventions, **longer.conventions},
+        default_units={**shorter.default_units, **longer.default_units},
+        warnings=(*shorter.warnings, *longer.warnings),
     )
 
 
-def _by_key(few: RawTable, many: RawTable, join: Join):
-    pairs = [*shared_keys(few, many), *other_keys(few, many), *repeated_keys(few, many)]
-    if join.key is not None:
+def _key_columns(shorter: RawTable, longer: RawTable, key: str | None) -> tuple[str, str]:
+    """The column of each table that names its rows: the stated one, else those that agree in most names."""
+    pairs = [
+        *shared_keys(shorter, longer),
+        *other_keys(shorter, longer),
+        *repeated_keys(shorter, longer),
+    ]
+    if key is not None:
         named = [
-            [n for n in table.columns if n.rpartition(": ")[2] == join.key] for table in (few, many)
+            [n for n in table.columns if n.rpartition(": ")[2] == key]
+            for table in (shorter, longer)
         ]
         pairs = [(named[0][0], named[1][0])] if all(named) else []
     if not pairs:
         raise complaint(
-            f"{few.file} and {many.file}",
+            f"{shorter.file} and {longer.file}",
             "a column that names the same rows in both",
             "none",
             "add it",
         )
-    mine, its = max(
-        pairs, key=lambda pair: match_share(few.columns[pair[0]], many.columns[pair[1]])
+    return max(
+        pairs, key=lambda pair: match_share(shorter.columns[pair[0]], longer.columns[pair[1]])
     )
-    keys, others = names_in_both(few.columns[mine], many.columns[its])
-    if len(set(others)) < len(others):  # the rows of `few` are looked up below
-        few, many, mine, its, keys, others = many, few, its, mine, others, keys
+
+
+def _by_key(shorter: RawTable, longer: RawTable, join: Join):
+    column, other_column = _key_columns(shorter, longer, join.key)
+    keys, others = names_in_both(shorter.columns[column], longer.columns[other_column])
+    if len(set(others)) < len(others):  # the rows of `shorter` are looked up below
+        shorter, longer = longer, shorter
+        column, other_column = other_column, column
+        keys, others = others, keys
     place = {value: row for row, value in enumerate(others)}
-    if len(place) < many.n:
+    columns = f"{shorter.file} and {longer.file}, columns {column} and {other_column}"
+    if len(place) < longer.n:
         raise complaint(
-            f"{few.file} and {many.file}, columns {mine} and {its}",
+            columns,
             "every value once in one of the tables",
             "values that repeat in both",
             "number the rows or join by index or time",
         )
     rows = [row for row, value in enumerate(keys) if value in place]
     if not rows:
-        raise complaint(
-            f"{few.file} and {many.file}, columns {mine} and {its}",
-            "common values",
-            "none",
-            "correct it",
-        )
+        raise complaint(columns, "common values", "none", "correct it")
     order = [place[keys[row]] for row in rows]
-    other = many.take(np.array(order))
-    said = []
-    if few.n == many.n and join.key is None and order != list(range(few.n)):
-        said.append(
-            f"The rows of {few.file} and {many.file} are in different orders and are joined by the names in {mine} "
-            f'and {its}. If the rows belong together as they stand, write [join] by = "index" into a mapping file '
-            "for --map."
+    other = longer.take(np.array(order))
+    sentences = []
+    if shorter.n == longer.n and join.key is None and order != list(range(shorter.n)):
+        sentences.append(
+            f"The rows of {shorter.file} and {longer.file} are in different orders and are joined by the names in "
+            f"{column} and {other_column}. If the rows belong together as they stand, write [join] by = "
+            '"index" into a mapping file for --map.'
         )
-    said += _key_sentences((few, many), (mine, its), keys, (len(rows), len(set(order))))
-    return _side_by_side(few.take(np.array(rows)), other), said
+    sentences += _key_sentences(
+        (shorter, longer), (column, other_column), keys, (len(rows), len(set(order)))
+    )
+    return _side_by_side(shorter.take(np.array(rows)), other), sentences
 
 
 def _key_sentences(tables, columns, keys, used) -> list[str]:
@@ -216,25 +229,27 @@ def _key_sentences(tables, columns, keys, used) -> list[str]:
     tables, columns: (2,) the first one's rows may repeat a name of the second one. keys: names of the first one's
     rows. used: (2,) rows that have a partner.
     """
-    (few, many), (mine, its) = tables, columns
-    said = []
-    is_own_name = mine.rpartition(": ")[2] != its.rpartition(": ")[2]
+    (shorter, longer), (column, other_column) = tables, columns
+    sentences = []
+    is_own_name = column.rpartition(": ")[2] != other_column.rpartition(": ")[2]
     if is_own_name and len(set(keys)) < len(keys):
-        said.append(
-            f"Rows of {few.file} with one name in '{mine}' belong to one row of {many.file} ('{its}')."
+        sentences.append(
+            f"Rows of {shorter.file} with one name in '{column}' belong to one row of {longer.file} ('{other_column}')."
         )
-    for table, partner, count in ((few, many, used[0]), (many, few, used[1])):
+    for table, partner, count in ((shorter, longer, used[0]), (longer, shorter, used[1])):
         if count < table.n:
             lost = f"{table.n - count} of {table.n} rows"
-            said.append(f"{table.file}: {lost} have no row in {partner.file} and are left out.")
-    return said
+            sentences.append(
+                f"{table.file}: {lost} have no row in {partner.file} and are left out."
+            )
+    return sentences
 
 
-def _by_time(few: RawTable, many: RawTable, join: Join):
+def _by_time(shorter: RawTable, longer: RawTable, join: Join):
     """The joined table, the join with the offset that was used, and sentences on time zone and rows left out."""
     stated = join.time_offset_s or 0.0
-    mine, its = seconds_of(few), seconds_of(many)
-    for table, seconds in ((few, mine), (many, its)):
+    short_seconds, long_seconds = seconds_of(shorter), seconds_of(longer)
+    for table, seconds in ((shorter, short_seconds), (longer, long_seconds)):
         if seconds is None:
             raise complaint(
                 table.file,
@@ -242,62 +257,62 @@ def _by_time(few: RawTable, many: RawTable, join: Join):
                 "none",
                 "name it time or join by index",
             )
-    wanted = mine + stated
-    order = np.argsort(its, kind="stable")
-    times = its[order]
-    inside = _covered(wanted, times)
-    said = []
-    zone = 0.0 if inside.any() or stated else _time_zone(wanted, times)
+    wanted = short_seconds + stated
+    order = np.argsort(long_seconds, kind="stable")
+    times = long_seconds[order]
+    is_covered = _covered(wanted, times)
+    sentences = []
+    zone = 0.0 if is_covered.any() or stated else _time_zone(wanted, times)
     if zone:
         wanted = wanted + zone
-        inside = _covered(wanted, times)
-        said.append(zone_sentence(few, many, zone))
-    if inside.mean() < 0.5:
+        is_covered = _covered(wanted, times)
+        sentences.append(zone_sentence(shorter, longer, zone))
+    if is_covered.mean() < 0.5:
         raise complaint(
-            f"{few.file} and {many.file}",
+            f"{shorter.file} and {longer.file}",
             "clocks that agree",
-            f"times {mine.min():.3f} to {mine.max():.3f} s and {times[0]:.3f} to {times[-1]:.3f} s",
+            f"times {short_seconds.min():.3f} to {short_seconds.max():.3f} s and {times[0]:.3f} to {times[-1]:.3f} s",
             "add time_offset_s = <seconds to add to the first> under [join] to a mapping file for --map",
         )
-    rows = np.flatnonzero(inside)
-    other = _interpolated(many, order, times, wanted[rows])
-    moving = _count_moving(many, order, times, wanted[rows])
+    rows = np.flatnonzero(is_covered)
+    other = _interpolated(longer, order, times, wanted[rows])
+    moving = _count_moving(longer, order, times, wanted[rows])
     if moving and is_dense(times):
-        said.append(
-            f"{few.file}: {moving} of {len(rows)} rows were measured while joints of {many.file} moved. Their joint "
-            "readings are interpolated: a clock error of 1 ms displaces a point that moves at 1 m/s by 1 mm. All rows "
-            "are kept, and columns such as qdot1_deg_s hold the joint speeds. If the arm also stood still, check the "
-            "result with these rows alone: `workbench calibrate --fit-samples` takes a list of the samples at rest."
+        sentences.append(
+            f"{shorter.file}: {moving} of {len(rows)} rows were measured while joints of {longer.file} moved. Their "
+            "joint readings are interpolated: a clock error of 1 ms displaces a point that moves at 1 m/s by 1 mm. All "
+            "rows are kept, and columns such as qdot1_deg_s hold the joint speeds. If the arm also stood still, check "
+            "the result with these rows alone: `workbench calibrate --fit-samples` takes a list of the samples at rest."
         )
     if not is_dense(times):
-        said += _stop_sentences(few, many, times, wanted[rows])
-    lost = few.n - len(rows)
+        sentences += _stop_sentences(shorter, longer, times, wanted[rows])
+    lost = shorter.n - len(rows)
     if lost:
-        said.append(
-            f"{few.file}: {lost} of {few.n} rows lie outside the times of {many.file} and are left out."
+        sentences.append(
+            f"{shorter.file}: {lost} of {shorter.n} rows lie outside the times of {longer.file} and are left out."
         )
     used = replace(join, time_offset_s=stated + zone)
-    return _side_by_side(few.take(rows), other), used, said
+    return _side_by_side(shorter.take(rows), other), used, sentences
 
 
 def _stop_sentences(
-    few: RawTable, many: RawTable, times: np.ndarray, wanted: np.ndarray
+    shorter: RawTable, longer: RawTable, times: np.ndarray, wanted: np.ndarray
 ) -> list[str]:
     """Sentences on the assignment of rows to the stops of a log, and on rows that are about as near to two of them."""
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     sides = np.sort(np.abs(np.stack([wanted - times[after - 1], times[after] - wanted])), axis=0)
     interval = float(np.median(np.diff(times)))
-    said = [
-        f"{many.file} has a row every {interval:.3g} s, which are taken for stops: each row of {few.file} takes the "
-        f"readings of the stop that is nearest in time, at most {sides[0].max():.3g} s away."
+    sentences = [
+        f"{longer.file} has a row every {interval:.3g} s, which are taken for stops: each row of {shorter.file} takes "
+        f"the readings of the stop that is nearest in time, at most {sides[0].max():.3g} s away."
     ]
     doubtful = int((sides[0] > _CLOSE_CALL * sides[1]).sum())
     if doubtful:
-        said.append(
-            f"{few.file}: {doubtful} of {len(wanted)} rows lie about as near to a second stop of {many.file}. If the "
-            "clocks differ by some seconds, state it with --time-offset, or number the stops in both files."
+        sentences.append(
+            f"{shorter.file}: {doubtful} of {len(wanted)} rows lie about as near to a second stop of {longer.file}. If "
+            "the clocks differ by some seconds, state it with --time-offset, or number the stops in both files."
         )
-    return said
+    return sentences
 
 
 def is_dense(times: np.ndarray) -> bool:
@@ -306,20 +321,23 @@ def is_dense(times: np.ndarray) -> bool:
     return bool(np.median(steps[steps > 0]) < _SLOWEST_LOG_S) if (steps > 0).any() else False
 
 
-def zone_sentence(few: RawTable, many: RawTable, zone_s: float) -> str:
+def zone_sentence(shorter: RawTable, longer: RawTable, zone_s: float) -> str:
     """Sentence on clocks of two time zones, or of which one has no date."""
     if abs(zone_s) > _MOST_ZONE_S:
         return (
-            f"Only one of the clocks of {few.file} and {many.file} states a date, which is taken for both"
+            f"Only one of the clocks of {shorter.file} and {longer.file} states a date, which is taken for both"
             f"{_difference(zone_s)}."
         )
-    return f"The clocks of {few.file} and {many.file} differ by {zone_s / 3600:g} h, which is taken for a time zone."
+    return (
+        f"The clocks of {shorter.file} and {longer.file} differ by {zone_s / 3600:g} h, which is taken for a time "
+        "zone."
+    )
 
 
 def _difference(zone_s: float) -> str:
     """The difference of the times of day, in words."""
-    rest = (zone_s + _DAY_S / 2) % _DAY_S - _DAY_S / 2
-    return f"; the times of day differ by {rest / 3600:g} h" if rest else ""
+    remainder_s = (zone_s + _DAY_S / 2) % _DAY_S - _DAY_S / 2
+    return f"; the times of day differ by {remainder_s / 3600:g} h" if remainder_s else ""
 
 
 def _count_moving(log: RawTable, order: np.ndarray, times: np.ndarray, wanted: np.ndarray) -> int:
@@ -341,11 +359,11 @@ def _covered(wanted: np.ndarray, times: np.ndarray) -> np.ndarray:
     """
     interval = float(np.median(np.diff(times)))
     margin = 0.0 if is_dense(times) else interval / 2
-    inside = (wanted >= times[0] - margin) & (wanted <= times[-1] + margin)
+    is_in_log = (wanted >= times[0] - margin) & (wanted <= times[-1] + margin)
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     gap = times[after] - times[after - 1]
     is_edge = (wanted < times[0]) | (wanted > times[-1])
-    return inside & (is_edge | (gap <= max(_GAP * interval, _LEAST_GAP_S)))
+    return is_in_log & (is_edge | (gap <= max(_GAP * interval, _LEAST_GAP_S)))
 
 
 def _time_zone(wanted: np.ndarray, times: np.ndarray) -> float:

@@ -23,22 +23,26 @@ _ONE_POINT = 1e-3
 
 
 def with_rows_of_reflectors(
-    few: RawTable, many: RawTable
+    shorter: RawTable, longer: RawTable
 ) -> tuple[RawTable, RawTable, tuple[str, ...]] | None:
     """Both tables with a row for each reflector of each pose, and a sentence; None for other tables.
 
-    few: one row for each pose. many: a whole multiple of as many rows.
+    shorter: one row for each pose. longer: a whole multiple of as many rows.
     """
-    count, rest = divmod(many.n, max(few.n, 1))
-    if rest or not 2 <= count <= _MOST_REFLECTORS or few.n < _FEWEST_POSES:
+    count, remainder = divmod(longer.n, max(shorter.n, 1))
+    if remainder or not 2 <= count <= _MOST_REFLECTORS or shorter.n < _FEWEST_POSES:
         return None
-    poses, reflectors = np.arange(few.n), np.arange(count)
+    poses, reflectors = np.arange(shorter.n), np.arange(count)
     orders = [
-        (np.repeat(poses, count), np.tile(reflectors, few.n), "of a pose stand below each other"),
-        (np.tile(poses, count), np.repeat(reflectors, few.n), "follow one another as a whole"),
+        (
+            np.repeat(poses, count),
+            np.tile(reflectors, shorter.n),
+            "of a pose stand below each other",
+        ),
+        (np.tile(poses, count), np.repeat(reflectors, shorter.n), "follow one another as a whole"),
     ]
     changes = [
-        _change_of_distances(many, np.argsort(pose * count + reflector), count)
+        _change_of_distances(longer, np.argsort(pose * count + reflector), count)
         for pose, reflector, _ in orders
     ]
     best = int(np.argmin([change for change, _ in changes]))
@@ -46,16 +50,16 @@ def with_rows_of_reflectors(
     if not change < _RIGID or changes[1 - best][0] < _CLEARLY * change:
         return None
     pose, reflector, words = orders[best]
-    columns = dict(many.columns)
+    columns = dict(longer.columns)
     columns.setdefault(POSE, pose + 1.0)
     if distance > _ONE_POINT:
         columns.setdefault(REFLECTOR, reflector + 1.0)
     reading = f"{count} reflectors on one tool" if distance > _ONE_POINT else f"{count} repeats"
     note = (
-        f"{many.file} has {count} rows for each row of {few.file}, read as {reading}: the rows {words}, since "
+        f"{longer.file} has {count} rows for each row of {shorter.file}, read as {reading}: the rows {words}, since "
         "the distances between the points then stay the same."
     )
-    return few.take(pose), replace(many, columns=columns), (note,)
+    return shorter.take(pose), replace(longer, columns=columns), (note,)
 
 
 def _change_of_distances(table: RawTable, order: np.ndarray, count: int) -> tuple[float, float]:

@@ -12,48 +12,60 @@ from datasets.importers.source import RawTable
 _KEYS = ("sample", "name", "pose")
 OVERLAP = 0.9
 """Share of the names of a table that the other has to hold."""
-_MOST = 0.5
+_MAX_SHARE = 0.5
 
 
-def shared_keys(few: RawTable, many: RawTable):
+def shared_keys(shorter: RawTable, longer: RawTable):
     """Pairs of columns of both tables that may name the same rows: by their headers, then columns of one name."""
-    mine = [(h.kind, h.core, name) for name, h in headers_of(few).items() if h.kind in _KEYS]
-    its = [(h.kind, h.core, name) for name, h in headers_of(many).items() if h.kind in (*_KEYS,)]
-    for kind, _, name in mine:
+    short_headers = [
+        (h.kind, h.core, name) for name, h in headers_of(shorter).items() if h.kind in _KEYS
+    ]
+    its = [(h.kind, h.core, name) for name, h in headers_of(longer).items() if h.kind in (*_KEYS,)]
+    for kind, _, name in short_headers:
         for other_kind, _, other in its:
             if kind == other_kind:
                 yield name, other
-    places = {name.rpartition(": ")[2]: name for name in many.columns}
-    for name, header in headers_of(few).items():
+    places = {name.rpartition(": ")[2]: name for name in longer.columns}
+    for name, header in headers_of(shorter).items():
         other = places.get(name.rpartition(": ")[2])
         is_open = not header.kind and other is not None
-        if is_open and may_name_rows(few.columns[name]) and may_name_rows(many.columns[other]):
+        if (
+            is_open
+            and may_name_rows(shorter.columns[name])
+            and may_name_rows(longer.columns[other])
+        ):
             yield name, other
 
 
-def other_keys(few: RawTable, many: RawTable):
+def other_keys(shorter: RawTable, longer: RawTable):
     """Pairs of columns with different headers that may name the same rows: "No." with 7, and "Point" with P007.
 
     One of them has a header that says so; that of the other may be unknown.
     """
-    mine, its = _possible_names(few), _possible_names(many)
-    for (kind, name), (other_kind, other) in product(mine, its):
+    short_names, long_names = _possible_names(shorter), _possible_names(longer)
+    for (kind, name), (other_kind, other) in product(short_names, long_names):
         if kind != other_kind:
             yield name, other
 
 
-def repeated_keys(few: RawTable, many: RawTable):
+def repeated_keys(shorter: RawTable, longer: RawTable):
     """Pairs of a column that names each row of one table once, and one that repeats these names in the other.
 
     Such as the poses of a joint log, and the group of each of several reflectors. Both hold most of the names, so that
     a column with the numbers of three reflectors is none of 45 poses.
     """
-    for mine, its in product(_named_rows(few), _named_rows(many)):
-        names = [set(part) for part in names_in_both(few.columns[mine], many.columns[its])]
-        is_unique = [may_name_rows(few.columns[mine]), may_name_rows(many.columns[its])]
-        is_same = len(names[0] & names[1]) >= _MOST * max(map(len, names))
+    for column, other_column in product(_named_rows(shorter), _named_rows(longer)):
+        names = [
+            set(part)
+            for part in names_in_both(shorter.columns[column], longer.columns[other_column])
+        ]
+        is_unique = [
+            may_name_rows(shorter.columns[column]),
+            may_name_rows(longer.columns[other_column]),
+        ]
+        is_same = len(names[0] & names[1]) >= _MAX_SHARE * max(map(len, names))
         if is_same and any(is_unique) and not all(is_unique):
-            yield mine, its
+            yield column, other_column
 
 
 def _named_rows(table: RawTable) -> list[str]:
@@ -80,29 +92,35 @@ def _possible_names(table: RawTable) -> list[tuple[str, str]]:
     ]
 
 
-def unused_names(few: RawTable, many: RawTable) -> list[str]:
+def unused_names(shorter: RawTable, longer: RawTable) -> list[str]:
     """A sentence where tables are joined by row number although both name their rows."""
-    names = differing_names(few, many)
+    names = differing_names(shorter, longer)
     if not names:
         return []
     return [
-        f"{few.file} and {many.file} are joined by row number: both have {few.n} rows, and {names}. If the rows are "
+        f"{shorter.file} and {longer.file} are joined by row number: both have {shorter.n} rows, and {names}. If the "
+        "rows are "
         'in different orders, give them the same names, or write [join] by = "key" into a mapping file for --map.'
     ]
 
 
-def differing_names(few: RawTable, many: RawTable) -> str:
+def differing_names(shorter: RawTable, longer: RawTable) -> str:
     """Contents of the first two columns that may name the rows of both tables; "" without such columns."""
     pairs = [
-        (mine, its)
-        for mine, its in shared_keys(few, many)
-        if may_name_rows(few.columns[mine]) and may_name_rows(many.columns[its])
+        (short_column, other_column)
+        for short_column, other_column in shared_keys(shorter, longer)
+        if may_name_rows(shorter.columns[short_column])
+        and may_name_rows(longer.columns[other_column])
     ]
     if not pairs:
         return ""
-    cells = zip(pairs[0], (few.columns[pairs[0][0]], many.columns[pairs[0][1]]), (few, many))
-    said = [f"{table.file} has '{str(column[0])[:40]}' in {name}" for name, column, table in cells]
-    return f"their names differ ({said[0]}, {said[1]})"
+    cells = zip(
+        pairs[0], (shorter.columns[pairs[0][0]], longer.columns[pairs[0][1]]), (shorter, longer)
+    )
+    sentences = [
+        f"{table.file} has '{str(column[0])[:40]}' in {name}" for name, column, table in cells
+    ]
+    return f"their names differ ({sentences[0]}, {sentences[1]})"
 
 
 def may_name_rows(cells: np.ndarray) -> bool:
@@ -119,11 +137,15 @@ def match_share(first: np.ndarray, second: np.ndarray) -> float:
     A point that an instrument measured twice repeats in its table, and still belongs to one row of the joint table. A
     constant names no rows.
     """
-    mine, its = names_in_both(first, second)
-    is_repeated = [len(set(names)) < len(names) for names in (mine, its)]
-    if all(is_repeated) or any(len(set(names)) == 1 < len(names) for names in (mine, its)):
+    first_names, second_names = names_in_both(first, second)
+    is_repeated = [len(set(names)) < len(names) for names in (first_names, second_names)]
+    if all(is_repeated) or any(
+        len(set(names)) == 1 < len(names) for names in (first_names, second_names)
+    ):
         return 0.0
-    return len(set(mine) & set(its)) / min(len(set(mine)), len(set(its)))
+    return len(set(first_names) & set(second_names)) / min(
+        len(set(first_names)), len(set(second_names))
+    )
 
 
 def names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], list[str]]:
@@ -132,15 +154,17 @@ def names_in_both(first: np.ndarray, second: np.ndarray) -> tuple[list[str], lis
     "Arm::Poses::P001" and "P001" are one name if no two names of one table become equal, and so are "P1" and "p_001",
     and "P001" and "1" if all names of the table begin with "P".
     """
-    mine, its = _as_text(first), _as_text(second)
-    if set(mine) & set(its):
-        return mine, its
+    first_names, second_names = _as_text(first), _as_text(second)
+    if set(first_names) & set(second_names):
+        return first_names, second_names
     for simplify in (_without_groups, _plain_names, _numbers_of_names):
-        plain = [simplify(names) for names in (mine, its)]
-        is_distinct = all(len(set(p)) == len(set(n)) for p, n in zip(plain, (mine, its)))
+        plain = [simplify(names) for names in (first_names, second_names)]
+        is_distinct = all(
+            len(set(p)) == len(set(n)) for p, n in zip(plain, (first_names, second_names))
+        )
         if is_distinct and set(plain[0]) & set(plain[1]):
             return plain[0], plain[1]
-    return mine, its
+    return first_names, second_names
 
 
 def _without_groups(names: Sequence[str]) -> list[str]:
@@ -150,8 +174,8 @@ def _without_groups(names: Sequence[str]) -> list[str]:
 
 def _plain_names(names: Sequence[str]) -> list[str]:
     """Names without signs, and their numbers without leading zeros."""
-    parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in _without_groups(names)]
-    return ["".join(part.lstrip("0") or "0" for part in found) for found in parts]
+    name_parts = [re.findall(r"\d+|[^\W\d_]+", name) for name in _without_groups(names)]
+    return ["".join(part.lstrip("0") or "0" for part in found) for found in name_parts]
 
 
 def _numbers_of_names(names: Sequence[str]) -> list[str]:

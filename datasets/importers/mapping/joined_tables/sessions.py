@@ -38,10 +38,10 @@ def session_groups(tables: Sequence[RawTable], stated: Mapping) -> list[list[Raw
     together, such as a joint log and a table of the instrument. The columns are the same in all sessions. stated: what
     the user's mapping says.
     """
-    alike: dict[frozenset, list[RawTable]] = {}
+    tables_by_signature: dict[frozenset, list[RawTable]] = {}
     for table in tables:
-        alike.setdefault(signature(table), []).append(table)
-    kinds = list(alike.values())
+        tables_by_signature.setdefault(signature(table), []).append(table)
+    kinds = list(tables_by_signature.values())
     count = len(kinds[0]) if kinds else 0
     if count < 2 or any(len(kind) != count for kind in kinds):
         return []
@@ -68,7 +68,7 @@ def _in_order_of(first: Sequence[RawTable], others: Sequence[RawTable]) -> list[
 
 def _own_words(table: RawTable, kind: Sequence[RawTable]) -> set[str]:
     """Words and numbers of the name of a table, and of its folder, that not all tables of its kind have."""
-    words = [set(re.findall(r"[a-z]+|\d+", _place(one).lower())) for one in (table, *kind)]
+    words = [set(re.findall(r"[a-z]+|\d+", _place(member).lower())) for member in (table, *kind)]
     return words[0] - set.intersection(*words[1:])
 
 
@@ -105,8 +105,8 @@ def appended(tables: Sequence[RawTable]) -> RawTable:
     """The rows of tables with the same columns below each other, under the headers of the first one."""
     columns = {}
     for name, header in headers_of(tables[0]).items():
-        parts = [_cells_of(table, _key(header)) for table in tables]
-        columns[name] = _joined(parts)
+        cells_of_tables = [_cells_of(table, _key(header)) for table in tables]
+        columns[name] = _joined(cells_of_tables)
     first = tables[0]
     return RawTable(
         " + ".join(dict.fromkeys(table.file for table in tables)),
@@ -115,7 +115,7 @@ def appended(tables: Sequence[RawTable]) -> RawTable:
         first.units,
         first.conventions,
         first.default_units,
-        tuple(dict.fromkeys(said for table in tables for said in table.warnings)),
+        tuple(dict.fromkeys(sentence for table in tables for sentence in table.warnings)),
     )
 
 
@@ -125,10 +125,10 @@ def _cells_of(table: RawTable, key: tuple) -> np.ndarray:
     )
 
 
-def _joined(parts: Sequence[np.ndarray]) -> np.ndarray:
-    if all(part.dtype.kind == "f" for part in parts):
-        return np.concatenate(parts)
-    return np.concatenate([part.astype(str) for part in parts])
+def _joined(cell_arrays: Sequence[np.ndarray]) -> np.ndarray:
+    if all(part.dtype.kind == "f" for part in cell_arrays):
+        return np.concatenate(cell_arrays)
+    return np.concatenate([part.astype(str) for part in cell_arrays])
 
 
 def in_recording_units(
@@ -139,10 +139,13 @@ def in_recording_units(
     mappings: complete, of each table. sliding (R,): which joint readings are lengths. The column `session` counts the
     tables. Numbers and names of poses, which begin again in every table, are made distinct.
     """
-    made = [_converted(table, own, sliding) for table, own in zip(tables, mappings)]
-    columns = {name: np.concatenate([one[name] for one in made]) for name in made[0]}
+    made = [
+        _converted(table, mapping_of_table, sliding)
+        for table, mapping_of_table in zip(tables, mappings)
+    ]
+    columns = {name: np.concatenate([converted[name] for converted in made]) for name in made[0]}
     mapping = _mapping_of_recording(mappings[0], columns)
-    others, said = _other_columns(tables, mappings)
+    others, sentences = _other_columns(tables, mappings)
     columns |= others
     copied = {target: target for target in others}
     sizes = [table.n for table in tables]
@@ -155,7 +158,7 @@ def in_recording_units(
     lines = [f"{line} of {table.file}" for table in tables for line in table.lines]
     file = " + ".join(dict.fromkeys(table.file for table in tables))
     mapping = Mapping(**{**vars(mapping), "columns": copied})
-    return RawTable(file, columns, np.array(lines)), mapping, (*said, *timed)
+    return RawTable(file, columns, np.array(lines)), mapping, (*sentences, *timed)
 
 
 def _converted(table: RawTable, mapping: Mapping, sliding: Sequence[bool]) -> dict[str, np.ndarray]:
@@ -175,13 +178,15 @@ def _converted(table: RawTable, mapping: Mapping, sliding: Sequence[bool]) -> di
 
 def _other_columns(tables: Sequence[RawTable], mappings: Sequence[Mapping]):
     """Covariates and groups of all tables, and a sentence on those that only some of them have."""
-    parts = [other_columns(table, own) for table, own in zip(tables, mappings)]
-    every = dict.fromkeys(name for part in parts for name in part if name != "time_s")
-    shared = [name for name in every if all(name in part for part in parts)]
-    lost = [name for name in every if name not in shared]
+    columns_of_tables = [other_columns(table, mapping) for table, mapping in zip(tables, mappings)]
+    all_names = dict.fromkeys(
+        name for part in columns_of_tables for name in part if name != "time_s"
+    )
+    shared = [name for name in all_names if all(name in part for part in columns_of_tables)]
+    lost = [name for name in all_names if name not in shared]
     made = {}
     for name in shared:
-        cells = [part[name] for part in parts]
+        cells = [part[name] for part in columns_of_tables]
         made[name] = _distinct(cells) if name in _DISTINCT else _joined(cells)
     if not lost:
         return made, ()
@@ -205,12 +210,12 @@ def _mapping_of_recording(mapping: Mapping, columns) -> Mapping:
     return Mapping(**{**vars(mapping), **made})
 
 
-def _distinct(parts: Sequence[np.ndarray]) -> np.ndarray:
+def _distinct(name_arrays: Sequence[np.ndarray]) -> np.ndarray:
     """Names of groups with the number of their table, so that no group has rows of two tables."""
     return np.concatenate(
         [
             np.array([f"{number}: {_text(cell)}" for cell in part])
-            for number, part in enumerate(parts, 1)
+            for number, part in enumerate(name_arrays, 1)
         ]
     )
 
@@ -230,21 +235,21 @@ def sessions_origin(tables: Sequence[RawTable]) -> float | str | None:
 
 def _times(tables: Sequence[RawTable]) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """(n,) s since the first row where the times of the tables follow each other, and a sentence where they do not."""
-    parts = [seconds_of(table) for table in tables]
-    if all(part is None for part in parts):
+    times_of_tables = [seconds_of(table) for table in tables]
+    if all(part is None for part in times_of_tables):
         return None, ()
     names = " and ".join(table.file for table in tables)
-    if any(part is None or not np.isfinite(part).all() for part in parts):
+    if any(part is None or not np.isfinite(part).all() for part in times_of_tables):
         return None, (f"Only some of {names} have times, which the recording leaves out.",)
-    ordered = sorted(parts, key=np.min)
+    ordered = sorted(times_of_tables, key=np.min)
     overlap = any(a.max() >= b.min() for a, b in zip(ordered, ordered[1:]))
     if overlap:
-        said = (
+        sentence = (
             f"The times of {names} overlap, as those of clocks that start again; the recording leaves times out. "
             "Times with a date keep the order of all rows."
         )
-        return None, (said,)
-    joined = np.concatenate(parts)
+        return None, (sentence,)
+    joined = np.concatenate(times_of_tables)
     return joined - joined.min(), ()
 
 

@@ -28,7 +28,7 @@ def times_of(table: RawTable) -> tuple[np.ndarray | None, tuple[str, ...]]:
     headers = headers_of(table)
     names = [name for name, header in headers.items() if header.kind == "time"]
     if names:  # the joint T of S, L, U, R, B, T is no time
-        taken = {name for one in find_sets(table) for name in one.names}
+        taken = {name for column_set in find_sets(table) for name in column_set.names}
         names = [name for name in names if name not in taken]
     dates = [name for name, header in headers.items() if header.kind == "date"]
     for name in names:
@@ -57,7 +57,7 @@ def clock_origin(table: RawTable) -> float | str | None:
         return None
     first = float(seconds.min())
     cells = [table.columns[name] for name in names]
-    if all(one.dtype.kind == "f" and not _is_calendar(one) for one in cells):
+    if all(column.dtype.kind == "f" and not _is_calendar(column) for column in cells):
         return first
     return datetime.fromtimestamp(first).isoformat()
 
@@ -164,8 +164,8 @@ def _is_calendar(cells: np.ndarray) -> bool:
 def _time_factor(unit: str | None, cells: np.ndarray) -> float:
     if unit in TIMES:
         return TIMES[unit]
-    for least, factor in _EPOCH_UNITS:
-        if np.abs(cells).min() > least:
+    for smallest_value, factor in _EPOCH_UNITS:
+        if np.abs(cells).min() > smallest_value:
             return factor
     return 1.0
 

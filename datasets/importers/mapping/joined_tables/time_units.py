@@ -93,9 +93,9 @@ def _step_of_smooth_motion(table: RawTable) -> float | None:
 
 def _unit_by_span(table: RawTable, span: float) -> str:
     """The unit under which the times of a table last about as long as a log of `span` s; "" for s and for none."""
-    own = _span(table)
+    own_span = _span(table)
     for unit, size in (("", 1.0), *_UNITS):
-        if span / _SIMILAR <= own * size <= span * _SIMILAR:
+        if span / _SIMILAR <= own_span * size <= span * _SIMILAR:
             return unit
     return ""
 

@@ -126,27 +126,29 @@ def read_joint_lists(path: Path) -> list[RawTable]:
             "record joint positions, or export a table of flange poses",
         )
     first = found[0].values
-    same = [one for one in found if set(one.values) == set(first)]
+    same = [position for position in found if set(position.values) == set(first)]
     warnings = [
-        f"{path.name}, row {one.line}: a position with other axes than the first one is not read."
-        for one in found
-        if set(one.values) != set(first)
+        f"{path.name}, row {position.line}: a position with other axes than the first one is not read."
+        for position in found
+        if set(position.values) != set(first)
     ]
     if poses:
         warnings.append(f"{path.name}: poses of the tool are not read ({poses} of them).")
     columns: dict[str, np.ndarray] = {"position name": np.array(_names(same))}
-    if all(one.stamp for one in same):
-        columns["time"] = np.array([one.stamp for one in same])
+    if all(position.stamp for position in same):
+        columns["time"] = np.array([position.stamp for position in same])
     columns |= _axes(same, language.unit)
-    lines = np.array([one.line for one in same])
+    lines = np.array([position.line for position in same])
     return [RawTable(path.name, columns, lines, warnings=tuple(warnings))]
 
 
 def _language_of(path: Path) -> str | None:
     """The language with the most positions; None where no language has three of them."""
-    own = _BY_EXTENSION.get(path.suffix.lower())
+    language = _BY_EXTENSION.get(path.suffix.lower())
     text = _text(path, _HEAD_CHARACTERS)
-    names = [own] if own else [name for name in _LANGUAGES if name not in _ONLY_BY_EXTENSION]
+    names = (
+        [language] if language else [name for name in _LANGUAGES if name not in _ONLY_BY_EXTENSION]
+    )
     counts = {name: sum(1 for _ in _LANGUAGES[name].position.finditer(text)) for name in names}
     best = max(counts, key=counts.get)
     return best if counts[best] >= _FEWEST else None
@@ -176,7 +178,7 @@ def _axis_name(letter: str, number: str, place: int) -> str:
 
 def _names(positions: Sequence[_Position]) -> list[str]:
     """Names that differ; numbers of the positions where the file has none or the same for several."""
-    names = [one.name for one in positions]
+    names = [position.name for position in positions]
     if len(set(names)) == len(names):
         return names
     return [f"P{k}" for k in range(1, len(names) + 1)]
@@ -187,7 +189,7 @@ def _axes(positions: Sequence[_Position], unit: str) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     arm = [f"J{k}" for k in range(1, _ARM_AXES + 1)]
     for name in positions[0].values:
-        cells = np.array([one.values[name] for one in positions])
+        cells = np.array([position.values[name] for position in positions])
         if name in arm:
             columns[f"{name} [{unit}]"] = cells
         elif np.ptp(cells) > 0:
@@ -195,9 +197,9 @@ def _axes(positions: Sequence[_Position], unit: str) -> dict[str, np.ndarray]:
     return columns
 
 
-def _text(path: Path, most: int) -> str:
+def _text(path: Path, max_characters: int) -> str:
     with path.open(encoding=encoding_of(path), errors="replace") as file:
-        text = file.read(most)
+        text = file.read(max_characters)
     is_script = path.suffix.lower() in _BY_EXTENSION
     return _COMMENT.sub("", text) if is_script else text
 

@@ -136,9 +136,9 @@ class _RapidFrames:
             raise UnstatedFrame(f"{len(used)} tools and work objects in the moves to {name}")
         ((work_object, tool),) = used
         frame = _of_any_case(self.given.frames, work_object)
-        held = _of_any_case(self.given.tools, tool)
+        stationary_tool = _of_any_case(self.given.tools, tool)
         frame = self._work_object(work_object) if frame is None else frame
-        return frame, self._tool(tool) if held is None else held
+        return frame, self._tool(tool) if stationary_tool is None else stationary_tool
 
     def _tool(self, name: str) -> np.ndarray:
         if name == "tool0":
@@ -169,7 +169,7 @@ class _RapidFrames:
 
 def _of_any_case(known: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
     """The stated transform of a name of RAPID, which has no case, or the one of all."""
-    return {key.lower(): one for key, one in known.items()}.get(name, known.get(""))
+    return {key.lower(): transform for key, transform in known.items()}.get(name, known.get(""))
 
 
 def _flags(value: str) -> list[str]:
@@ -221,17 +221,17 @@ class _KukaFrames:
         found += [self._numbered(kind, number) for number in self._numbers(kind)]
         if not found:
             raise UnstatedFrame(f"no ${kind}")
-        if any(not np.allclose(one, found[0], atol=1e-9) for one in found):
+        if any(not np.allclose(transform, found[0], atol=1e-9) for transform in found):
             raise SeveralFrames(f"several values of ${kind}")
         return found[0]
 
     def _stated(self, kind: str) -> list[tuple[str, str]]:
         found = _KUKA_SET.findall(self.text)
-        return [(value, word) for own, value, word in found if own.upper() == kind]
+        return [(value, word) for own_kind, value, word in found if own_kind.upper() == kind]
 
     def _numbers(self, kind: str) -> set[str]:
         found = _KUKA_NUMBER.findall(self.text)
-        return {a or b for own, a, other, b in found if (own or other).upper() == kind}
+        return {a or b for own_kind, a, other, b in found if (own_kind or other).upper() == kind}
 
     def _named(self, kind: str, word: str, value: str) -> np.ndarray:
         if value:
@@ -274,18 +274,21 @@ class _FanucFrames:
             name = match[2] or f"P[{match[1]}]"
             content = FANUC_OTHER_GROUPS.split(match[3])[0]
             self.numbers.setdefault(name, set()).update(_FANUC_FRAMES.findall(content))
-        every = set().union(*self.numbers.values())
-        self.used = {kind: {number for own, number in every if own == kind} for kind in self.given}
+        all_numbers = set().union(*self.numbers.values())
+        self.used = {
+            kind: {number for own_kind, number in all_numbers if own_kind == kind}
+            for kind in self.given
+        }
 
     def __call__(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """(T_root_frame, T_flange_tool): the identity for number 0, else what the user states."""
-        own = self.numbers.get(name, set())
+        numbers_of_pose = self.numbers.get(name, set())
         found = []
         for kind in self.given:
-            numbers = [number for key, number in own if key == kind]
+            numbers = [number for key, number in numbers_of_pose if key == kind]
             matrix = self._matrix(kind, numbers[0]) if len(numbers) == 1 else None
             if matrix is None:
-                shown = ", ".join(f"{key} : {number}" for key, number in sorted(own))
+                shown = ", ".join(f"{key} : {number}" for key, number in sorted(numbers_of_pose))
                 raise UnstatedFrame(shown or "no UF and UT")
             found.append(matrix)
         return found[0], found[1]

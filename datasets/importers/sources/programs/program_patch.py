@@ -143,11 +143,13 @@ def _spans(maker: str, text: str, is_joint: bool) -> list[tuple[int, int]]:
     """Positions of the six or seven numbers of a pose in its text."""
     if maker == "ABB":
         return [match.span() for match in _NUMBER.finditer(text)][: 6 if is_joint else 7]
-    between = r"\s+" if maker == "KUKA" else r"\s*=\s*"
-    own = text if maker == "KUKA" else FANUC_OTHER_GROUPS.split(text)[0]
+    separator = r"\s+" if maker == "KUKA" else r"\s*=\s*"
+    first_group = text if maker == "KUKA" else FANUC_OTHER_GROUPS.split(text)[0]
     found: Mapping[str, tuple[int, int]] = {
         match[1].upper(): match.span(2)
-        for match in re.finditer(rf"\b([A-Z]\d?){between}({_NUMBER.pattern})", own, re.IGNORECASE)
+        for match in re.finditer(
+            rf"\b([A-Z]\d?){separator}({_NUMBER.pattern})", first_group, re.IGNORECASE
+        )
     }
     return [found[key] for key in _KEYS[maker, is_joint]]
 

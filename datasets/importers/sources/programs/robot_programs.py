@@ -92,9 +92,9 @@ def read_robot_program(path: Path, stated: StatedFrames = NOTHING_STATED) -> lis
     joints: list[_Position] = []
     poses: list[_Position] = []
     maker = ""
-    for reader, own in ((_kuka, "KUKA"), (_abb, "ABB"), (_fanuc, "FANUC")):
+    for reader, maker_of_reader in ((_kuka, "KUKA"), (_abb, "ABB"), (_fanuc, "FANUC")):
         found = list(reader(text, path))
-        maker = own if found else maker
+        maker = maker_of_reader if found else maker
         joints += [position for position in found if position.is_joint]
         poses += [position for position in found if not position.is_joint]
     tables = []
@@ -204,7 +204,7 @@ def _kuka(text: str, path: Path) -> Iterator[_Position]:
     line_of = _line_counter(text)
     named = [(match.start(), match[1], match[2], match[3]) for match in _KUKA.finditer(text)]
     inline = [(match.start(), match[1], "", match[2]) for match in _KUKA_INLINE.finditer(text)]
-    for start, kind, name, content in sorted(named + inline, key=lambda one: one[0]):
+    for start, kind, name, content in sorted(named + inline, key=lambda entry: entry[0]):
         keys = {key.upper(): float(value) for key, value in _KUKA_KEY.findall(content)}
         line = line_of(start)
         name = name or f"row {line}"
@@ -266,6 +266,6 @@ def _incomplete(path: Path, line: int, name: str, missing: str):
     )
 
 
-def _text(path: Path, most: int) -> str:
+def _text(path: Path, max_characters: int) -> str:
     with path.open(encoding=encoding_of(path), errors="replace") as file:
-        return file.read(most)
+        return file.read(max_characters)

@@ -93,9 +93,11 @@ def _blocks(lines: list[str]) -> Iterator[Block]:
         if not all(found) or "".join(match[1].upper() for match in found) != "XYZ":
             continue
         axes = tuple(_numbers(match[2]) for match in found)
-        above = [line for line in lines[max(0, number - 3) : number] if not _AXIS.match(line)]
-        header = _header(above)
-        title = next((line for line in reversed(above) if line.strip() and not _header([line])), "")
+        lines_above = [line for line in lines[max(0, number - 3) : number] if not _AXIS.match(line)]
+        header = _header(lines_above)
+        title = next(
+            (line for line in reversed(lines_above) if line.strip() and not _header([line])), ""
+        )
         yield Block(_name(title, number), number + 1, axes, header, unit)
 
 

@@ -86,7 +86,7 @@ def _divided(line: str, separator: str) -> list[str]:
     numbered = _NUMBERED.match(text)
     if numbered:
         text = f"{numbered[1]}{separator}{text[numbered.end() :]}"
-    return [cell.replace(_KEPT, separator) for cell in _at(text, separator)]
+    return [cell.replace(_KEPT, separator) for cell in _split_at(text, separator)]
 
 
 def _lists_divided(text: str, separator: str) -> str:
@@ -105,7 +105,7 @@ def _lists_kept(text: str, separator: str) -> str:
     return _IN_BRACKETS.sub(lambda m: kept.sub(_KEPT, m[0]) if list_in(m[0]) else m[0], text)
 
 
-def _at(text: str, separator: str) -> Sequence[str]:
+def _split_at(text: str, separator: str) -> Sequence[str]:
     if separator == " ":
         return _spaced(text)
     if '"' in text:
@@ -143,12 +143,12 @@ def _without_unit(cell: str) -> str:
     match = _WITH_UNIT.fullmatch(cell)
     if match:
         return match[1]
-    parts = _SEXAGESIMAL.fullmatch(cell)
-    return cell if parts is None else _degrees(parts)
+    angle = _SEXAGESIMAL.fullmatch(cell)
+    return cell if angle is None else _degrees(angle)
 
 
-def _degrees(parts: re.Match) -> str:
+def _degrees(match: re.Match) -> str:
     """The number of degrees of an angle such as 12°34'56,7"."""
-    sign, degrees, minutes, seconds = parts.groups(default="0")
+    sign, degrees, minutes, seconds = match.groups(default="0")
     value = int(degrees) + int(minutes) / 60 + float(seconds.replace(",", ".")) / 3600
     return f"{'-' if sign == '-' else ''}{value:.12g}"

@@ -75,7 +75,7 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
         if any(cell is not None for cell in cells):
             made = _typed(name, cells, called, lines)
             columns |= made
-            stated |= {own: units[k] for own in made if units[k]}
+            stated |= {column: units[k] for column in made if units[k]}
     unit = length_unit_in_text(" ".join(titles))
     return RawTable(
         path.name,
@@ -95,11 +95,11 @@ def _without_numbers(called: str, rows: Sequence[tuple[int, Sequence]]) -> tuple
         f"{number} ({_text(next(cell for cell in row if cell is not None))[:_SHOWN_TEXT]!r})"
         for number, row in rows[:_SHOWN_ROWS]
     ]
-    more = f" and {len(rows) - _SHOWN_ROWS} more" if len(rows) > _SHOWN_ROWS else ""
+    remainder = f" and {len(rows) - _SHOWN_ROWS} more" if len(rows) > _SHOWN_ROWS else ""
     is_one = len(rows) == 1
     return (
-        f"{called}: {'row' if is_one else 'rows'} {', '.join(shown)}{more} {'holds' if is_one else 'hold'} no number, "
-        f"and {'is' if is_one else 'are'} left out.",
+        f"{called}: {'row' if is_one else 'rows'} {', '.join(shown)}{remainder} {'holds' if is_one else 'hold'} no "
+        f"number, and {'is' if is_one else 'are'} left out.",
     )
 
 

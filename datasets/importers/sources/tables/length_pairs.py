@@ -25,16 +25,16 @@ def two_rows_per_length(table: RawTable) -> RawTable | None:
     if len(ends) != 2 or set(ends[0]) != set(ends[1]):
         return None
     rows = np.repeat(np.arange(table.n), 2)
-    both = table.take(rows)
+    end_rows = table.take(rows)
     taken = {name for end in ends for name in end.values()}
-    columns = {name: cells for name, cells in both.columns.items() if name not in taken}
+    columns = {name: cells for name, cells in end_rows.columns.items() if name not in taken}
     units = dict(table.units)
     for number in sorted(ends[0]):
         names = [end[number] for end in ends]
         columns[f"J{number}"] = np.stack([table.columns[name] for name in names], 1).ravel()
         unit = read_header(names[0], table.units.get(names[0])).unit
         units |= {f"J{number}": unit} if unit else {}
-    return replace(both, columns={**columns, _PAIR: rows + 1.0}, units=units)
+    return replace(end_rows, columns={**columns, _PAIR: rows + 1.0}, units=units)
 
 
 def _columns_of_ends(table: RawTable) -> list[dict[int, str]]:

@@ -51,9 +51,13 @@ def read_line_blocks(path: Path) -> RawTable | None:
         columns |= dict(zip(names, cells.T))
         units |= dict.fromkeys(names, unit) if is_unit(unit) else {}
     starts = np.array([block[0][0] for block in blocks])
-    rest = len(lines) % period
-    said = (f"{path.name}: the last {rest} lines are no complete block and are not read.",)
-    return RawTable(path.name, columns, starts, units=units, warnings=said if rest else ())
+    remainder = len(lines) % period
+    sentences = (
+        f"{path.name}: the last {remainder} lines are no complete block and are not read.",
+    )
+    return RawTable(
+        path.name, columns, starts, units=units, warnings=sentences if remainder else ()
+    )
 
 
 def _lines(texts: Iterable[str]) -> list[tuple[int, str, list[float], str]]:

@@ -57,10 +57,10 @@ def list_in(cell: str) -> list[str]:
     match = _LISTED.fullmatch(cell.strip())
     if match is None:
         return []
-    parts = re.split(r"\s*;\s*|\s+", match[1].strip())
-    if ";" not in match[1] or not all(map(_NUMBER.fullmatch, parts)):  # no decimal commas
-        parts = re.split(r"\s*[,;]\s*|\s+", match[1].strip())
-    return parts if len(parts) >= _FEWEST and all(map(_NUMBER.fullmatch, parts)) else []
+    pieces = re.split(r"\s*;\s*|\s+", match[1].strip())
+    if ";" not in match[1] or not all(map(_NUMBER.fullmatch, pieces)):  # no decimal commas
+        pieces = re.split(r"\s*[,;]\s*|\s+", match[1].strip())
+    return pieces if len(pieces) >= _FEWEST and all(map(_NUMBER.fullmatch, pieces)) else []
 
 
 def _lists(name: str, cells: Sequence[str]):
@@ -93,20 +93,20 @@ def _names_in(header: str, count: int) -> list[str] | None:
         if len(inner) == count and _are_components(inner):  # "Position (x, y, z)"
             return [f"{plain} {part}".strip() for part in inner]
     unit = f" [{bracket[1]}]" if bracket else ""
-    parts = _listed(plain)
-    front, last = parts[:-count], parts[-count:]
+    words = _listed(plain)
+    front, last = words[:-count], words[-count:]
     if len(last) < count or not _are_components(last):
-        front, last = parts[:-1], list("".join(parts[-1:]))  # "Position XYZ"
+        front, last = words[:-1], list("".join(words[-1:]))  # "Position XYZ"
         if len(last) != count or "".join(last).lower() not in _LETTERS:
             return None
     return [" ".join([*front, part]) + unit for part in last]
 
 
-def _are_components(parts: Sequence[str]) -> bool:
+def _are_components(words: Sequence[str]) -> bool:
     """Whether words are components of one quantity, or of a position and an orientation: two of a kind or more."""
-    headers = [read_header(part) for part in parts]
+    headers = [read_header(part) for part in words]
     cores = {header.core for header in headers}
-    if len(cores) < len(parts):
+    if len(cores) < len(words):
         return False
     if cores in _WHOLE_SETS:
         return True
@@ -123,7 +123,7 @@ def _is_family(kind: str, names: set[str]) -> bool:
     """Whether two names or more are components of a kind: of one set of angles where they are words."""
     if len(names) < _FEWEST or kind not in COMPONENTS:
         return False
-    return kind != "word" or any(names <= set(one) for one in WORD_SETS.values())
+    return kind != "word" or any(names <= set(word_set) for word_set in WORD_SETS.values())
 
 
 def _listed(text: str) -> list[str]:

@@ -53,18 +53,20 @@ def _number(cell: str) -> float:
         return np.nan
 
 
-def _meanings(above: np.ndarray, below: np.ndarray) -> list[str | None]:
-    """Statistic of the rows `above` (k, n) that each of the rows `below` (k, m) states; None if it is no statistic."""
-    varies = np.array([np.isfinite(row).sum() > 1 and np.nanstd(row) > 0 for row in above])
+def _meanings(rows_above: np.ndarray, rows_below: np.ndarray) -> list[str | None]:
+    """Statistic of the rows `rows_above` (k, n) that each of the rows `rows_below` (k, m) states; None if it is no
+    statistic.
+    """
+    varies = np.array([np.isfinite(row).sum() > 1 and np.nanstd(row) > 0 for row in rows_above])
     if not varies.any():
         return [None]
-    above, below = above[varies], below[varies]
-    tolerance = _SAME * np.nanstd(above, axis=1)
-    known = {name: statistic(above, axis=1) for name, statistic in _STATISTICS.items()}
+    rows_above, rows_below = rows_above[varies], rows_below[varies]
+    tolerance = _SAME * np.nanstd(rows_above, axis=1)
+    known = {name: statistic(rows_above, axis=1) for name, statistic in _STATISTICS.items()}
     made = []
-    for row in below.T:
+    for row in rows_below.T:
         filled = np.isfinite(row)
-        close = np.abs(above - row[:, None])[filled] <= tolerance[filled, None]
+        close = np.abs(rows_above - row[:, None])[filled] <= tolerance[filled, None]
         is_copy = bool(
             close.all(axis=0).any()
         )  # an arm that has come to rest at the end of a sweep

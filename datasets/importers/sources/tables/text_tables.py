@@ -72,8 +72,8 @@ def read_text_table(path: Path) -> RawTable:
         sample = [line for _, line in islice(whole_rows(file), _SAMPLE_LINES)]
     layout = find_layout(sample, path)
     names, units = find_header(sample[: layout.first], layout)
-    above = [split_cells(line, layout.separator) for line in sample[: layout.first]]
-    columns, lines, warnings = _read_rows(path, encoding, layout, above)
+    cells_above = [split_cells(line, layout.separator) for line in sample[: layout.first]]
+    columns, lines, warnings = _read_rows(path, encoding, layout, cells_above)
     names = names_from_rows(names, columns, sample[layout.first], layout)
     names = names or names_without_header(path, layout.width)
     used = _used_columns(columns)
@@ -173,7 +173,7 @@ def find_layout(lines: Sequence[str], path: Path) -> Layout:
     by_axis = find_axis_rows(lines)
     if by_axis is not None:
         return Layout(*by_axis, by_axis=True)
-    best, most = None, 0.0
+    best, best_score = None, 0.0
     for separator in _SEPARATORS:
         found = _layout_with(lines, separator)
         if found is None:
@@ -181,8 +181,8 @@ def find_layout(lines: Sequence[str], path: Path) -> Layout:
         layout, score = found
         if separator == " " and best is not None and _only_first_has_header(best, layout, lines):
             continue
-        if score > most:
-            best, most = layout, score
+        if score > best_score:
+            best, best_score = layout, score
     if best is None:
         raise complaint(
             path.name,
@@ -256,8 +256,8 @@ def find_header(lines: Sequence[str], layout: Layout) -> tuple[list[str] | None,
         if is_unit_row(cells) and not any(units):
             units = [cell.strip("[]()<> ") for cell in cells]
             continue
-        above = _divided(lines[number - 1], layout) if number else None
-        grouped = with_group_names(cells, above)
+        cells_above = _divided(lines[number - 1], layout) if number else None
+        grouped = with_group_names(cells, cells_above)
         if sum(map(bool, grouped)) < max(1, layout.width - 1):
             continue
         if all(is_number_text(cell) for cell in cells if cell):
@@ -290,20 +290,20 @@ def is_unit_row(cells: Sequence[str]) -> bool:
     )
 
 
-def with_group_names(cells: Sequence[str], above: Sequence[str] | None) -> list[str]:
+def with_group_names(cells: Sequence[str], cells_above: Sequence[str] | None) -> list[str]:
     """The header with the names of groups of columns, such as merged cells of a spreadsheet, in front of its cells.
 
-    above: the row over the header, None for none. A group reaches to the next filled cell. The row counts as one of
-    groups only if the header needs it (empty cells, or names that stand twice) and at least two groups have names.
+    cells_above: the row over the header, None for none. A group reaches to the next filled cell. The row counts as one
+    of groups only if the header needs it (empty cells, or names that stand twice) and at least two groups have names.
     """
     names = list(cells)
     filled = [cell for cell in names if cell]
     needs_groups = len(filled) < len(names) or len(set(filled)) < len(filled)
-    labels = [cell for cell in above or () if cell]
+    labels = [cell for cell in cells_above or () if cell]
     if not needs_groups or len(labels) < 2 or any(map(is_number_text, labels)):
         return names
     group = ""
-    for k, (label, cell) in enumerate(zip(above, names)):
+    for k, (label, cell) in enumerate(zip(cells_above, names)):
         group = label or group
         names[k] = f"{group} {cell}".strip()
         if label and not cell:  # a cell that reaches over both rows names its own column only
@@ -325,17 +325,17 @@ def _unique(cells: Sequence[str]) -> list[str]:
     return names
 
 
-def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[str]]):
+def _read_rows(path: Path, encoding: str, layout: Layout, cells_above: Sequence[list[str]]):
     """Columns of cells, line numbers, and sentences on lines that are no rows of the table.
 
-    above: cells of the lines above the data, which files that were joined repeat.
+    cells_above: cells of the lines above the data, which files that were joined repeat.
     """
     columns = [_Column() for _ in range(layout.width)]
     lines: list[int] = []
     foreign: list[int] = []
     repeated: list[int] = []
     for number, cells in _data_lines(path, encoding, layout):
-        if cells in above:
+        if cells in cells_above:
             repeated.append(number)
             continue
         is_row = layout.by_axis or any(map(_count_of_numbers, cells))
@@ -345,19 +345,19 @@ def _read_rows(path: Path, encoding: str, layout: Layout, above: Sequence[list[s
         lines.append(number)
         for column, cell in zip(columns, cells):
             column.append(cell)
-    inside = [number for number in foreign if lines and number < lines[-1]]
-    if inside:
+    foreign_inside = [number for number in foreign if lines and number < lines[-1]]
+    if foreign_inside:
         raise complaint(
-            f"{path.name}, row {inside[0]}",
+            f"{path.name}, row {foreign_inside[0]}",
             f"{layout.width} cells as in the other rows",
             "a row that is divided otherwise",
             "correct or remove the row",
         )
     warnings = []
     if repeated:
-        more = f", as are {len(repeated) - 1} further rows" if len(repeated) > 1 else ""
+        remainder = f", as are {len(repeated) - 1} further rows" if len(repeated) > 1 else ""
         warnings.append(
-            f"{path.name}: row {repeated[0]} repeats a line above the data and is left out{more}."
+            f"{path.name}: row {repeated[0]} repeats a line above the data and is left out{remainder}."
         )
     if foreign:
         warnings.append(
@@ -452,8 +452,8 @@ def columns_from_text(
     if several is None:
         return {name: numbers_from_text(texts, where, lines)}
     return {
-        own: numbers_from_text(cells, f"{file}, column {own}", lines)
-        for own, cells in zip(*several)
+        column: numbers_from_text(cells, f"{file}, column {column}", lines)
+        for column, cells in zip(*several)
     }
 
 
