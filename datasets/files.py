@@ -73,7 +73,7 @@ def read_toml(path: Path, called: str) -> dict:
         ) from None
 
 
-def inside(folder: Path, name, key: str, called: str) -> Path:
+def file_in_folder(folder: Path, name, key: str, called: str) -> Path:
     """The file `name` in `folder`. Raises InputError where it is no text or leaves the folder."""
     where = f"{called}, {key}"
     if not isinstance(name, str) or not name.strip() or "\0" in name:

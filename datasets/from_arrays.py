@@ -89,7 +89,7 @@ def from_arrays(
 def _joint_names(keys: Mapping, count: int) -> list[str]:
     """Column names of joint readings: `_mm` where the robot file says that a joint is prismatic."""
     joints = keys.get("joint", keys.get("joints", ()))
-    slides = [isinstance(one, Mapping) and one.get("kind") == "prismatic" for one in joints]
+    slides = [isinstance(joint, Mapping) and joint.get("kind") == "prismatic" for joint in joints]
     slides += [False] * (count - len(slides))  # a wrong number is refused with the other checks
     return [f"q{k}_{'mm' if slides[k - 1] else 'deg'}" for k in range(1, count + 1)]
 

@@ -181,7 +181,7 @@ class Recording:
         joints_deg: ArrayLike,
         points_mm: ArrayLike,
         sigma_mm: float | None = None,
-        **more: ArrayLike,
+        **columns: ArrayLike,
     ) -> "Recording":
         """A recording of points or poses that an external instrument measured, from arrays in memory.
 
@@ -199,7 +199,7 @@ class Recording:
         """
         from datasets.from_arrays import from_arrays
 
-        return from_arrays(cls, robot, joints_deg, points_mm, sigma_mm, **more)
+        return from_arrays(cls, robot, joints_deg, points_mm, sigma_mm, **columns)
 
     def save(self, folder: str | Path) -> Path:
         """Write the recording into a new folder, which `read` and all commands accept, and return the folder.
@@ -233,8 +233,8 @@ class Recording:
 
         return without_duplicates(self)
 
-    def _integers(self, column: str, otherwise: np.ndarray) -> np.ndarray:
-        return self.columns[column].astype(int) if column in self.columns else otherwise
+    def _integers(self, column: str, default: np.ndarray) -> np.ndarray:
+        return self.columns[column].astype(int) if column in self.columns else default
 
 
 def _labels_of_rows(rows: np.ndarray) -> np.ndarray:

@@ -76,8 +76,8 @@ def sources() -> Mapping[str, Source]:
 
 def _source(keys: Mapping) -> Source:
     files = tuple(RemoteFile(**f) for f in keys["file"])
-    rest = {k: v for k, v in keys.items() if k not in ("file", "variants")}
-    return Source(**rest, variants=tuple(keys["variants"]), files=files)
+    further_keys = {k: v for k, v in keys.items() if k not in ("file", "variants")}
+    return Source(**further_keys, variants=tuple(keys["variants"]), files=files)
 
 
 def source(name: str) -> Source:

@@ -83,8 +83,8 @@ def test_rays_meet_a_bent_board_on_its_arc():
         np.diag([1.0, -1.0, -1.0]),
         np.array([-40.0, 28.0, 120.0]),
         bend=1e-4,
-        across=-5e-5,
-        along=0.4,
+        second_bend=-5e-5,
+        bend_axis=0.4,
     )
     rays = np.random.default_rng(1).uniform([[-0.25], [-0.2], [1]], [[0.25], [0.2], [1]], (3, 200))
     points, albedo = board.meet(rays / np.linalg.norm(rays, axis=0))

@@ -46,7 +46,7 @@ def test_chunks_are_the_recording(folder):
     assert np.array_equal(
         np.concatenate([part.columns["row"] for part in parts]), np.arange(whole.n)
     )
-    assert sorted(chunks.each.reflector) == [1, 2, 3]
+    assert sorted(chunks.first_rows.reflector) == [1, 2, 3]
     assert 2000 <= chunks.thin.n <= 10_000 and np.ptp(chunks.thin.sample_ids) > 0.99 * whole.n
 
 

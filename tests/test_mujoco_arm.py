@@ -23,7 +23,7 @@ from datasets.makers.mujoco_arm import (
     drive_errors,
     pose,
     reflector_points,
-    rest,
+    static_equilibria,
 )
 
 BUNDLED = Path(__file__).parent.parent / "datasets" / "bundled" / "elastic-arm"
@@ -66,20 +66,22 @@ def place(flange):
 
 def test_rigid_arm_is_plain_dh(arm, readings):
     expected = [dh_flange(arm.geometry, q) for q in readings]
-    np.testing.assert_allclose(rest(rigid(arm), readings).flange, expected, atol=1e-9)
+    np.testing.assert_allclose(static_equilibria(rigid(arm), readings).flange, expected, atol=1e-9)
 
 
 def test_vanishing_compliance_tends_to_rigid(arm, readings):
     soft = replace(rigid(arm), joint_compliance=1e-12)
     np.testing.assert_allclose(
-        place(rest(soft, readings).flange), place(rest(rigid(arm), readings).flange), atol=1e-6
+        place(static_equilibria(soft, readings).flange),
+        place(static_equilibria(rigid(arm), readings).flange),
+        atol=1e-6,
     )
 
 
 def test_mixing_couples_readings(arm, readings):
     mixing = np.eye(6)
     mixing[2, 1], mixing[5, 5] = 1.0, -1.0
-    coupled = rest(rigid(replace(arm, mixing=mixing)), readings).flange
+    coupled = static_equilibria(rigid(replace(arm, mixing=mixing)), readings).flange
     expected = [dh_flange(arm.geometry, mixing @ q) for q in readings]
     np.testing.assert_allclose(coupled, expected, atol=1e-9)
 
@@ -96,7 +98,7 @@ def test_pendulum_sags_by_its_weight_times_lever():
         joint_compliance=1e-5,
         gravity=(0, -1, 0),
     )
-    still = rest(arm, np.array([[0.4]]), payload_kg=0.5)
+    still = static_equilibria(arm, np.array([[0.4]]), payload_kg=0.5)
     angle = 0.4 + still.deflection[0, 2]
     torque = -STANDARD_GRAVITY * np.cos(angle) * (3.0 * 0.3 + 1.5 * 0.5)
     assert still.deflection[0, 2] == pytest.approx(1e-5 * torque, rel=1e-9)
@@ -112,7 +114,7 @@ def test_cantilever_bends_at_its_middle():
         link_compliance=1e-5,
         gravity=(0, 0, -1),
     )
-    still = rest(arm, np.zeros((1, 1)))
+    still = static_equilibria(arm, np.zeros((1, 1)))
     # a weight at the tip, 200 mm from the hinge at mid-link
     assert place(still.flange)[0, 2] == pytest.approx(
         -200 * 1e-5 * 2.0 * STANDARD_GRAVITY * 0.2, rel=1e-6
@@ -128,7 +130,7 @@ def test_pedestal_leans_toward_the_load():
         2.0,
         pedestal_compliance=(0.0, 1e-5),
     )
-    moved = place(rest(arm, np.zeros((1, 1))).flange)[0] - [300, 0, 500]
+    moved = place(static_equilibria(arm, np.zeros((1, 1))).flange)[0] - [300, 0, 500]
     tilt = 1e-5 * 2.0 * STANDARD_GRAVITY * 0.3
     np.testing.assert_allclose(moved, [500 * tilt, 0, -300 * tilt], rtol=1e-3, atol=1e-9)
 
@@ -146,13 +148,13 @@ def test_deflection_doubles_with_compliance(arm, readings):
         link_compliance=arm.link_compliance / 50,
         pedestal_compliance=tuple(np.array(arm.pedestal_compliance) / 50),
     )
-    still = place(rest(rigid(arm), readings).flange)
-    one, two = (place(rest(a, readings).flange) - still for a in (stiff, soft))
+    still = place(static_equilibria(rigid(arm), readings).flange)
+    one, two = (place(static_equilibria(a, readings).flange) - still for a in (stiff, soft))
     np.testing.assert_allclose(two, 2 * one, atol=1e-3 * np.abs(two).max())
 
 
 def test_springs_balance_gravity(arm, readings):
-    still = rest(arm, readings, payload_kg=np.linspace(0, 2, 12))
+    still = static_equilibria(arm, readings, payload_kg=np.linspace(0, 2, 12))
     assert still.imbalance.max() < 1e-9
     springs = still.deflection[:, 2::3] / arm.joint_compliance
     np.testing.assert_allclose(springs, still.torque[:, 2::3], rtol=1e-6, atol=1e-6)
@@ -162,10 +164,10 @@ def test_gravity_torque_is_the_slope_of_potential_energy(arm, readings):
     """Power balance: the torque at joint k is minus the change of m g h with its angle."""
     payload, h = 1.7, 1e-5
     arm = replace(rigid(arm), mass=np.zeros(6), tool_mass=0.4)
-    torque = rest(arm, readings, payload_kg=payload).torque[:, 2::3]
+    torque = static_equilibria(arm, readings, payload_kg=payload).torque[:, 2::3]
 
     def energy(q):
-        flange = rest(arm, q).flange
+        flange = static_equilibria(arm, q).flange
         height = (flange[:, :3, :3] @ np.array(arm.tool_com) + place(flange))[:, 2] / 1e3
         return (payload + 0.4) * STANDARD_GRAVITY * height
 
@@ -183,11 +185,11 @@ def test_rest_is_a_minimum_of_energy(readings):
         link_compliance=0.0,
         pedestal_compliance=(0.0, 0.0),
     )
-    still = rest(arm, readings)
+    still = static_equilibria(arm, readings)
     bend, h = still.deflection[:, 2::3], 1e-5
 
     def energy(b):
-        flange = rest(rigid(arm), readings, b).flange
+        flange = static_equilibria(rigid(arm), readings, b).flange
         height = (flange[:, :3, :3] @ np.array(arm.tool_com) + place(flange))[:, 2] / 1e3
         return arm.tool_mass * STANDARD_GRAVITY * height + 0.5 * np.sum(
             b**2 / arm.joint_compliance, axis=1
@@ -201,7 +203,7 @@ def test_rest_is_a_minimum_of_energy(readings):
 
 def test_too_soft_an_arm_is_refused(arm, readings):
     with pytest.raises(StaticsError, match="too soft"):
-        rest(replace(arm, joint_compliance=1.0), readings)
+        static_equilibria(replace(arm, joint_compliance=1.0), readings)
 
 
 def test_other_conventions_are_refused():
@@ -226,7 +228,7 @@ def test_a_gap_needs_the_approach():
 
 def test_points_are_seen_in_their_frames(arm, readings):
     """A ball seen in the sensor and carried back by hand lies at its place on the artefact."""
-    flange = rest(arm, readings).flange
+    flange = static_equilibria(arm, readings).flange
     artefact, hand_eye = pose((5, 6, 7), (10, 20, 30)), pose((1, 2, 3), (-5, 15, 25))
     ball = np.tile([100.0, 50, 25], (12, 1))
     seen = ball_points(flange, ball, artefact, hand_eye)
@@ -244,7 +246,7 @@ def test_ye_arm_has_the_torques_of_equation_25():
     exact = arm.geometry.copy()
     exact[:, [0, 3]] = np.deg2rad([row[::3] for row in ye._NOMINAL])
     q = np.random.default_rng(1).uniform(-1, 1, (5, 6))
-    torque = rest(replace(arm, geometry=exact), q).torque
+    torque = static_equilibria(replace(arm, geometry=exact), q).torque
     lever1 = table.s1_mm * np.sin(q[:, 1])
     lever2 = table.s2_mm * np.sin(q[:, 1] - q[:, 2])
     newton = ye.LOAD_N / 1e3

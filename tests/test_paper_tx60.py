@@ -41,7 +41,7 @@ def test_the_maker_and_the_model_agree_on_where_the_flange_is():
 def test_the_published_errors_make_the_published_start():
     """0.585 and 0.547 mm in the paper before calibration, over its cube."""
     made, (nominal, _) = tx60("op"), geometries()
-    place = poses.forward(nominal, made.recording().joints)[:, :3, 3]
+    place = poses.forward_kinematics(nominal, made.recording().joints)[:, :3, 3]
     off = np.linalg.norm(place - made.truth["flange"][:, :3, 3], axis=1)
     assert off[:100].mean() == pytest.approx(0.585, abs=0.05) and off[100:].mean() == pytest.approx(
         0.547, abs=0.05
@@ -105,7 +105,10 @@ def test_significance_by_plain_matrix_products():
     joints = np.random.default_rng(3).uniform(*np.array(robot.limits).T, (30, 6))
     moved = robot.geometry.copy()
     moved[2, 3] += 0.1
-    before, after = poses.forward(robot.geometry, joints), poses.forward(moved, joints)
+    before, after = (
+        poses.forward_kinematics(robot.geometry, joints),
+        poses.forward_kinematics(moved, joints),
+    )
     row = found.index[found.keys.index("joint-3.alpha3")]
     by_hand = [np.linalg.norm((after - before)[:, :3, c], axis=1).mean() for c in (3, 0, 1, 2)]
     assert row == pytest.approx(by_hand, rel=1e-9)

@@ -48,7 +48,7 @@ def agree(found, balls, tolerance=0.01):
     [
         {"radii": [12.7, 10.0]},
         {"radii": [12.7, 10.0], "free": True},
-        {"between": (5.0, 30.0)},
+        {"radius_range": (5.0, 30.0)},
         {},
     ],
     ids=["known", "known-but-fitted", "between", "unknown"],
@@ -80,7 +80,9 @@ def test_the_view_need_not_be_from_the_origin(plate):
 
 
 @pytest.mark.parametrize(
-    "options", [{"radii": 12.7}, {"between": (5.0, 40.0)}, {}], ids=["known", "between", "unknown"]
+    "options",
+    [{"radii": 12.7}, {"radius_range": (5.0, 40.0)}, {}],
+    ids=["known", "between", "unknown"],
 )
 def test_no_ball_is_seen_where_there_is_none(options):
     """A lying post of the ball's own radius with its round end, a block, a table."""
@@ -94,7 +96,7 @@ def test_no_ball_is_seen_where_there_is_none(options):
 
 
 @pytest.mark.parametrize(
-    "options", [{"radii": 20.0}, {"between": (10.0, 40.0)}], ids=["known", "between"]
+    "options", [{"radii": 20.0}, {"radius_range": (10.0, 40.0)}], ids=["known", "between"]
 )
 def test_a_dome_with_something_inside_is_no_solid_ball(options):
     """A rounded shell of glass over a block; without the block it is a ball like any other."""

@@ -142,8 +142,10 @@ def figures(kind: str, seed: int) -> dict:
     nominal, true = made.truth["nominal"], made.truth["flange"][100:]
     joints = recording.joints[100:]
     return {
-        "attitude before": attitude_error(poses.forward(nominal, joints), true),
-        "attitude": attitude_error(poses.forward(fitted_geometry(found, nominal), joints), true),
+        "attitude before": attitude_error(poses.forward_kinematics(nominal, joints), true),
+        "attitude": attitude_error(
+            poses.forward_kinematics(fitted_geometry(found, nominal), joints), true
+        ),
         "axis before": found.nominal["rotation_mean_deg"],
         "axis fit": found.fit["rotation_mean_deg"],
         "axis check": found.held_out["rotation_mean_deg"],

@@ -22,7 +22,7 @@ def read(folder: Path, variant: str) -> Recording:
     markers = np.stack([load_matrix(paths[0], name) for name in ("mA", "mB", "mC")], axis=1) * 1000
     new = np.r_[True, np.any(np.abs(np.diff(q, axis=0)) > 1e-4, axis=1)]
     pose = np.arange(1, len(q) + 1)
-    more = {
+    covariates = {
         "pose": np.repeat(pose, 3),
         "repeat": np.repeat(np.cumsum(new), 3),
         "reflector": np.tile([1, 2, 3], len(q)),
@@ -31,7 +31,7 @@ def read(folder: Path, variant: str) -> Recording:
         _robot(),
         np.repeat(q, 3, axis=0),
         markers.reshape(-1, 3),
-        more,
+        covariates,
         paths,
         "FANUC R-2000iC/165F, laser tracker",
         REPEAT_MM,

@@ -13,13 +13,13 @@ from datasets.errors import complaint
 from datasets.formats.native import checked, flange_columns, image_recording
 from datasets.recording import Recording
 
-SETS = {"in-hand": ("input_EyeInHand", 8, 10.0), "to-hand": ("input_EyeToHand", 5, 20.0)}
+VARIANTS = {"in-hand": ("input_EyeInHand", 8, 10.0), "to-hand": ("input_EyeToHand", 5, 20.0)}
 """Folder, number of poses, and step of the grid in mm."""
 
 
 def read(folder: Path, variant: str) -> Recording:
     """One sample per image. In the `to-hand` set the arm holds the board: board key fixed_to is "tool"."""
-    name, count, step = SETS[variant]
+    name, count, step = VARIANTS[variant]
     images = [f"{name}/pos{k}.png" for k in range(count)]
     paths = checked(
         folder, *images, *(f"{name}/pos{k}.txt" for k in range(count)), f"{name}/param.txt"
@@ -50,16 +50,19 @@ def read(folder: Path, variant: str) -> Recording:
     )
 
 
-def _numbers(path: Path, least: int) -> np.ndarray:
+def _numbers(path: Path, min_count: int) -> np.ndarray:
     try:
         found = np.array(path.read_text(encoding="utf-8").split(), float)
     except ValueError as problem:
         raise complaint(
             f"{path.parent.name}/{path.name}", "numbers", str(problem)[:60], "fetch it again"
         ) from None
-    if len(found) < least:
+    if len(found) < min_count:
         raise complaint(
-            f"{path.parent.name}/{path.name}", f"{least} numbers", str(len(found)), "fetch it again"
+            f"{path.parent.name}/{path.name}",
+            f"{min_count} numbers",
+            str(len(found)),
+            "fetch it again",
         )
     return found
 

@@ -27,7 +27,7 @@ MIMIC = {
     "column_middle_joint": {"joint": "column_prismatic_joint", "ratio": 0.5, "offset": -0.706},
     "column_top_joint": {"joint": "column_prismatic_joint", "ratio": 0.5, "offset": -0.736},
 }
-SETS = ("stationing_measurements", "evaluation_measurements")
+MEASUREMENT_KEYS = ("stationing_measurements", "evaluation_measurements")
 
 
 def read(folder: Path, variant: str) -> Recording:
@@ -70,19 +70,19 @@ def _rows(content: dict):
     """Every measurement as a flat row in file units."""
     for height, station in content["column_heights"].items():
         for solution, measured in station["solution_spaces"].items():
-            for part, key in enumerate(SETS):
-                for one in measured[key]:
-                    yield _row(one) | {
+            for part, key in enumerate(MEASUREMENT_KEYS):
+                for measurement in measured[key]:
+                    yield _row(measurement) | {
                         "column_height_mm": 1000 * height,
                         "solution": solution,
                         "set": part,
                     }
 
 
-def _row(one: dict) -> dict:
-    lift, *arm = one["joint_states"]
+def _row(measurement: dict) -> dict:
+    lift, *arm = measurement["joint_states"]
     row = {"q1_mm": 1000 * lift} | {f"q{k}_deg": np.rad2deg(a) for k, a in enumerate(arm, 2)}
-    row |= {f"{axis}_mm": 1000 * v for axis, v in zip("xyz", one["prism_position"])}
+    row |= {f"{axis}_mm": 1000 * v for axis, v in zip("xyz", measurement["prism_position"])}
     for place, key in (("base", "tilt_sensor_base_accel"), ("column", "tilt_sensor_column_accel")):
-        row |= {f"accel_{place}_{axis}_m_s2": v for axis, v in zip("xyz", one[key])}
-    return row | {"time_s": one["time"], "upside_down": float(one["upside_down"])}
+        row |= {f"accel_{place}_{axis}_m_s2": v for axis, v in zip("xyz", measurement[key])}
+    return row | {"time_s": measurement["time"], "upside_down": float(measurement["upside_down"])}

@@ -33,17 +33,19 @@ def read(folder: Path, variant: str) -> Recording:
     seen = np.stack(points, axis=1)
     keep = np.concatenate([np.ones((len(joints), 3), bool), _found(seen[:, 3:])], axis=1)
     pose, reflector = np.nonzero(keep)
-    more = {
+    covariates = {
         "pose": pose + 1,
         "reflector": reflector + 1,
         "fixed_to": np.where(reflector < 3, "tool", "base"),
     }
     title = "ABB IRB 120, FARO tracker, " + ("read-back joints" if variant else "commanded joints")
-    return recording(IRB120, joints[pose], seen[pose, reflector], more, paths, title, TRACKER_MM)
+    return recording(
+        IRB120, joints[pose], seen[pose, reflector], covariates, paths, title, TRACKER_MM
+    )
 
 
 def _found(base: np.ndarray) -> np.ndarray:
     """(n, 3) bool: base reflectors (n, 3 reflectors, 3) that are there and near their median."""
-    there = np.any(base != 0, axis=2)
-    middle = np.stack([np.median(base[there[:, k], k], axis=0) for k in range(3)])
-    return there & (np.abs(base - middle).max(axis=2) <= LOST_MM)
+    is_measured = np.any(base != 0, axis=2)
+    middle = np.stack([np.median(base[is_measured[:, k], k], axis=0) for k in range(3)])
+    return is_measured & (np.abs(base - middle).max(axis=2) <= LOST_MM)

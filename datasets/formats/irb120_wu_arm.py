@@ -15,29 +15,34 @@ from datasets.recording import Recording
 
 PROBE_MM = 0.1
 """1 sigma of a coordinate: the three points keep their distance to 0.1 mm."""
-SETS = ("Cali", "Test", "Test"), ("", "", "2")
+FILE_AFFIXES = ("Cali", "Test", "Test"), ("", "", "2")
 
 
 def read(folder: Path, variant: str) -> Recording:
     """Column `set`: 0 calibration, 1 test, 2 second test; `pose` numbers the 76 configurations."""
-    names = [f"{a}{what}{b}.mat" for a, b in zip(*SETS) for what in ("JointAngles", "Position")]
+    names = [
+        f"{a}{quantity}{b}.mat"
+        for a, b in zip(*FILE_AFFIXES)
+        for quantity in ("JointAngles", "Position")
+    ]
     paths = checked(folder, *names)
     loaded = [load_matrix(path, path.stem) for path in paths]
     joints, points = loaded[0::2], loaded[1::2]
-    each = [len(p) // len(q) for q, p in zip(joints, points)]
-    q = np.concatenate([np.repeat(a, k, axis=0) for a, k in zip(joints, each)])
+    reflector_counts = [len(p) // len(q) for q, p in zip(joints, points)]
+    q = np.concatenate([np.repeat(a, k, axis=0) for a, k in zip(joints, reflector_counts)])
     pose = np.repeat(
-        np.arange(1, sum(map(len, joints)) + 1), np.repeat(each, [len(a) for a in joints])
+        np.arange(1, sum(map(len, joints)) + 1),
+        np.repeat(reflector_counts, [len(a) for a in joints]),
     )
     tests = np.repeat([1, 4], [len(points[1]), len(points[2])])
     reflector = np.concatenate([np.tile([1, 2, 3], len(joints[0])), tests])
     part = np.repeat([0, 1, 2], [len(p) for p in points])
-    more = {"pose": pose, "reflector": reflector, "set": part}
+    covariates = {"pose": pose, "reflector": reflector, "set": part}
     return recording(
         IRB120,
         q,
         np.concatenate(points),
-        more,
+        covariates,
         paths,
         "ABB IRB 120, portable measuring arm",
         PROBE_MM,

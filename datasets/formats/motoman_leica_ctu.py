@@ -33,11 +33,11 @@ def read(folder: Path, variant: str) -> Recording:
     data = data[np.isfinite(data[:, 19:23]).all(axis=1)]
     arm = slice(13, 19) if variant == "left" else slice(7, 13)
     joints = np.rad2deg(np.column_stack([data[:, 6], data[:, arm]]))
-    more = {"pose": data[:, 0], "sigma_mm": data[:, 22] * 1000 / np.sqrt(3)}
+    covariates = {"pose": data[:, 0], "sigma_mm": data[:, 22] * 1000 / np.sqrt(3)}
     if variant.startswith("repeat"):
-        more["repeat"] = np.ones(len(data))
+        covariates["repeat"] = np.ones(len(data))
     title = f"Motoman MA1400, {variant}, Leica tracker"
-    return recording(_robot(variant), joints, data[:, 19:22] * 1000, more, paths, title, None)
+    return recording(_robot(variant), joints, data[:, 19:22] * 1000, covariates, paths, title, None)
 
 
 def _robot(variant: str) -> dict:

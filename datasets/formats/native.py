@@ -53,17 +53,17 @@ def recording(
     robot: Mapping,
     joints_deg: np.ndarray,
     points_mm: np.ndarray,
-    more: Mapping[str, np.ndarray],
+    covariates: Mapping[str, np.ndarray],
     paths: Sequence[Path],
     title: str,
     sigma_mm: float | None,
 ) -> Recording:
     """An external-point recording, rows in order of acquisition and numbered from 1.
 
-    joints_deg (n, J) degrees; points_mm (n, 3); `more` further columns (n,).
+    joints_deg (n, J) degrees; points_mm (n, 3); `covariates` further columns (n,).
     """
     n = len(points_mm)
-    if not len(joints_deg) == n or any(len(v) != n for v in more.values()):
+    if not len(joints_deg) == n or any(len(v) != n for v in covariates.values()):
         raise complaint(
             paths[0].parent.name,
             "as many joint readings as points",
@@ -73,7 +73,7 @@ def recording(
     columns = {"sample": np.arange(1.0, n + 1)}
     columns |= {f"q{k + 1}_deg": joints_deg[:, k] for k in range(joints_deg.shape[1])}
     columns |= dict(zip(POINT, points_mm.T))
-    columns |= {k: v if v.dtype.kind == "U" else v.astype(float) for k, v in more.items()}
+    columns |= {k: v if v.dtype.kind == "U" else v.astype(float) for k, v in covariates.items()}
     return Recording(
         "external-point", columns, robot, title=title, sigma_mm=sigma_mm, sha256=digest(paths)
     )
@@ -112,18 +112,18 @@ def flange_columns(places_mm: np.ndarray, rotations_deg: np.ndarray) -> dict[str
     return dict(zip(FLANGE, (*places_mm.T, w, x, y, z)))
 
 
-def dh_robot(name: str, source: str, rows: Sequence[tuple], **more: Sequence) -> dict:
+def dh_robot(name: str, source: str, rows: Sequence[tuple], **joint_keys: Sequence) -> dict:
     """Keys of a robot.toml from distal rows (theta_deg, d_mm, a_mm, alpha_deg).
 
     A joint is marked `hayati` where its alpha is 0 or 180 and another joint follows: the next axis
-    is parallel. `more` are further joint keys, one value a joint, None where a joint has none.
+    is parallel. `joint_keys` are further joint keys, one value a joint, None where a joint has none.
     """
     joints = []
     for k, (theta, d, a, alpha) in enumerate(rows):
         row = {"theta_deg": theta, "d_mm": d, "a_mm": a, "alpha_deg": alpha}
         row["hayati"] = alpha % 180 == 0 and k + 1 < len(rows)
         joints.append(
-            row | {key: values[k] for key, values in more.items() if values[k] is not None}
+            row | {key: values[k] for key, values in joint_keys.items() if values[k] is not None}
         )
     return {
         "name": name,

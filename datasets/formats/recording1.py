@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.files import inside, label, read_toml
+from datasets.files import file_in_folder, label, read_toml
 from datasets.formats.table import Table, read_table
 from datasets.recording import Recording
 from datasets.recording_files.arms import read_robot
@@ -90,7 +90,7 @@ def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, 
         time_origin=keys["samples"].get("time_origin"),
         remarks=tuple(keys.get("remarks", ())),
     )
-    path = inside(folder, keys["samples"]["file"], "key samples.file", called)
+    path = file_in_folder(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)
     return (
         head,
@@ -168,7 +168,7 @@ def _check_board(board: Mapping, where: str) -> None:
 def _read_artefact(folder: Path, keys: Mapping, called: str) -> dict[int, tuple]:
     if "artefact" not in keys:
         return {}
-    path = inside(folder, keys["artefact"]["file"], "key artefact.file", called)
+    path = file_in_folder(folder, keys["artefact"]["file"], "key artefact.file", called)
     table = read_table(path, label(path), ("note",))
     names = ("ball", "x_mm", "y_mm", "z_mm", "radius_mm")
     for name in names:
@@ -225,7 +225,7 @@ def _read_samples(
     """Columns of the samples, sentences on what is unusual in them, and the names of groups that have names."""
     if "samples" not in keys:
         return {}, (), {}
-    path = inside(folder, keys["samples"]["file"], "key samples.file", called)
+    path = file_in_folder(folder, keys["samples"]["file"], "key samples.file", called)
     small = keys["samples"].get("small_range", False)
     context = Context(keys["measures"], robot, balls, keys.get("sigma_mm"), small, trust_data)
     table = read_table(path, label(path), TEXT, groups=GROUPS)

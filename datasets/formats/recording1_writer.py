@@ -43,8 +43,10 @@ def write(recording: Recording, folder: str | Path, samples: str = "csv") -> Pat
 
 
 def _holds_its_images(recording: Recording, folder: Path) -> bool:
-    own = recording.folder is not None and Path(recording.folder).resolve() == folder.resolve()
-    return own and bool(recording.images) and not (folder / "recording.toml").exists()
+    is_own_folder = (
+        recording.folder is not None and Path(recording.folder).resolve() == folder.resolve()
+    )
+    return is_own_folder and bool(recording.images) and not (folder / "recording.toml").exists()
 
 
 def _write_next_to_images(recording: Recording, folder: Path, samples: str) -> Path:
@@ -135,18 +137,18 @@ def write_csv(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         write_rows(file, [columns])
         for start in range(0, max(map(len, columns.values()), default=0), _AT_A_TIME):
-            some = {
+            block = {
                 name: values[start : start + _AT_A_TIME].tolist()
                 for name, values in columns.items()
             }
             write_rows(
-                file, zip(*([_cell(name, v) for v in values] for name, values in some.items()))
+                file, zip(*([_cell(name, v) for v in values] for name, values in block.items()))
             )
 
 
 def _cell(name: str, value) -> str:
-    whole = name in INTEGERS or Covariate.of(name).kind == "approach"
-    return str(int(value)) if whole and not isinstance(value, str) else str(value)
+    is_integer = name in INTEGERS or Covariate.of(name).kind == "approach"
+    return str(int(value)) if is_integer and not isinstance(value, str) else str(value)
 
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -14,7 +14,7 @@ from datasets.errors import complaint
 from datasets.formats.native import checked, digest, flange_columns
 from datasets.recording import Recording
 
-SETS = {
+VARIANTS = {
     "r40": (40.0, "r40_session/RobPoses.rob", "r40_session/p{}.yml", 15),
     "r12": (12.7, "r12_session/robpose.txt", "r12_session/{}_3C_line.yml", 10),
 }
@@ -22,7 +22,7 @@ SETS = {
 
 def read(folder: Path, variant: str) -> Recording:
     """One row a point of the surface; `pose` is the profile, counted from 1. The ball is artefact 1 at the origin."""
-    radius, poses, profile, count = SETS[variant]
+    radius, poses, profile, count = VARIANTS[variant]
     paths = checked(folder, poses, *(profile.format(k) for k in range(1, count + 1)))
     profiles = [_profile(path) for path in paths[1:]]
     pose = np.repeat(np.arange(count), [len(p) for p in profiles])

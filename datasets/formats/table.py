@@ -120,14 +120,14 @@ def _read_csv(path: Path, called: str, text: tuple[str, ...], blanks: bool) -> T
             called, "a header row with column names", "no text at all", "export it again"
         )
     header = _check_header([_text_of(cell) for cell in first[1]], called)
-    parts = [_part((), header, called, text, blanks)]
+    blocks = [_part((), header, called, text, blanks)]
     while body := list(islice(lines, _AT_A_TIME)):
-        parts.append(_part(body, header, called, text, blanks))
-    whole = parts[1:] or parts
+        blocks.append(_part(body, header, called, text, blanks))
+    row_blocks = blocks[1:] or blocks
     return Table(
         called,
-        {name: np.concatenate([part[1][name] for part in whole]) for name in header},
-        np.concatenate([part[0] for part in whole]),
+        {name: np.concatenate([part[1][name] for part in row_blocks]) for name in header},
+        np.concatenate([part[0] for part in row_blocks]),
     )
 
 
@@ -213,10 +213,10 @@ def _check_column_count(found: int, called: str) -> None:
 def _check_width(row: list[str], header: list[str], number: int, called: str) -> None:
     if len(row) == len(header):
         return
-    more = len(row) > len(header)
+    has_more = len(row) > len(header)
     do = (
         "write numbers with a decimal point, not a comma"
-        if more
+        if has_more
         else "fill the missing cells or delete the row"
     )
     raise complaint(

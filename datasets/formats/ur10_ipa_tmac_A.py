@@ -42,10 +42,10 @@ def read(folder: Path, variant: str) -> Recording:
     seconds = _seconds(table["Timestamp"])
     rows = np.flatnonzero(good)
     rows = rows[np.argsort(seconds[rows], kind="stable")]  # ten rows of the file stand out of order
-    more = _orientation(angles[rows])
-    more |= {"time_s": seconds[rows], "temperature_c": table["measurement_temperature"][rows]}
+    covariates = _orientation(angles[rows])
+    covariates |= {"time_s": seconds[rows], "temperature_c": table["measurement_temperature"][rows]}
     title = "Universal Robots UR10, Leica T-Mac poses, grid"
-    made = recording(_robot(), joints[rows], points[rows], more, paths, title, None)
+    made = recording(_robot(), joints[rows], points[rows], covariates, paths, title, None)
     columns = made.columns | {
         "sample": rows + 1.0
     }  # the row of the file, so that rows left out show as gaps

@@ -209,7 +209,7 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
     """Images of one sweep of the mirror, their names beginning with `start`: rows, and the clock after it."""
     way, speed = float(chance.places.choice([-1, 1])), chance.places.uniform(2.0, 8.0)
     rows, angles = [], np.linspace(-_SWEEP, _SWEEP, steps)
-    every, clock = 2 * np.rad2deg(_SWEEP) / (steps - 1) / speed, clock + 2.0
+    interval, clock = 2 * np.rad2deg(_SWEEP) / (steps - 1) / speed, clock + 2.0
     for step, commanded in enumerate(angles):
         angle = world.light.truly(commanded, way * np.deg2rad(speed))
         stripe = 0.7 * laser(scene.stripe(world.light, angle), chance.noise)
@@ -224,10 +224,10 @@ def _swept(world, scene, lamp, chance: Chance, start: Path, steps: int, clock: f
             "image": f"images/{image.name}",
             "step": step,
             "sweep": way,
-            "time_s": round(clock + every * since, 4),
+            "time_s": round(clock + interval * since, 4),
         }
         rows.append(row)
-    return rows, clock + every * steps
+    return rows, clock + interval * steps
 
 
 def _board(world: World, rng) -> Board:
@@ -243,8 +243,8 @@ def _board(world: World, rng) -> Board:
         seen = rotation @ corners + place[:, None]
         pixels = world.lens.project(seen[:2] / seen[2])
         if (pixels > 8).all() and (pixels < np.array([[WIDTH - 9], [HEIGHT - 9]])).all():
-            bend, across, along = world.bow
-            return Board(COLUMNS, ROWS, SQUARE, rotation, place, bend, across, along)
+            bend, second_bend, bend_axis = world.bow
+            return Board(COLUMNS, ROWS, SQUARE, rotation, place, bend, second_bend, bend_axis)
     raise ValueError("no board fits into the image")
 
 
@@ -254,10 +254,10 @@ def _balls(world: World, rng) -> Balls:
     return Balls(rotation @ _BALLS + middle[:, None], _RADII, world.depth)
 
 
-def _somewhere(world, rng, near, far, aside) -> np.ndarray:
-    pixel = np.array([WIDTH, HEIGHT]) / 2 * (1 + aside * rng.uniform(-1, 1, 2))
+def _somewhere(world, rng, nearest, farthest, share) -> np.ndarray:
+    pixel = np.array([WIDTH, HEIGHT]) / 2 * (1 + share * rng.uniform(-1, 1, 2))
     flat = (pixel - np.array(world.lens.centre)) / np.array(world.lens.focal)
-    return np.array([*flat, 1.0]) * rng.uniform(near, far)
+    return np.array([*flat, 1.0]) * rng.uniform(nearest, farthest)
 
 
 def _random_rotation(rng, tilt_deg) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from datasets.makers.blind_images_scanner import HEIGHT, WIDTH, Lens, Light
 
-_PARTS = 3  # rays across a pixel
+_SUBPIXELS = 3  # rays across a pixel
 _FULL, _READ = 9_000.0, 10.0  # electrons
 _BLACK = 3.0  # grey values of no light
 _BLUR = 0.7  # px
@@ -20,7 +20,8 @@ _DEPTHS, _SHARES = np.polynomial.laguerre.laggauss(5)
 @dataclass(frozen=True)
 class Board:
     """A chessboard of inner corners `columns` x `rows`, `square` mm, at rotation (3, 3) and place (3,) in the camera
-    frame. `bend` (1/mm) curvature along the direction `along` (rad) on the board, `across` (1/mm) at right angles."""
+    frame. `bend` (1/mm) curvature along the direction `bend_axis` (rad) on the board, `second_bend` (1/mm) at right
+    angles."""
 
     columns: int
     rows: int
@@ -28,40 +29,42 @@ class Board:
     rotation: np.ndarray
     place: np.ndarray
     bend: float = 0.0
-    across: float = 0.0
-    along: float = 0.0
+    second_bend: float = 0.0
+    bend_axis: float = 0.0
 
     def height(self, x, y):
         """mm of the surface above the flat board: an arc each way, from the middle."""
         a, b = x - (self.columns - 1) * self.square / 2, y - (self.rows - 1) * self.square / 2
-        c, s = np.cos(self.along), np.sin(self.along)
+        c, s = np.cos(self.bend_axis), np.sin(self.bend_axis)
         first, second = c * a + s * b, c * b - s * a
-        return _sag(first, self.bend) + _sag(second, self.across)
+        return _sag(first, self.bend) + _sag(second, self.second_bend)
 
     def meet(self, rays):
         """Points (3, n) mm where rays (3, n) meet the board, nan outside it, and the albedo (n,) there."""
         local, eye = self.rotation.T @ rays, -self.rotation.T @ self.place
         height, flat = 0.0, None
-        for _ in range(4 if self.bend or self.across else 1):
+        for _ in range(4 if self.bend or self.second_bend else 1):
             length = (height - eye[2]) / local[2]
             flat = eye[:2, None] + local[:2] * length
             height = self.height(*flat)
         x, y = flat / self.square
-        inside = (x > -2) & (x < self.columns + 1) & (y > -2) & (y < self.rows + 1) & (length > 0)
+        is_on_board = (
+            (x > -2) & (x < self.columns + 1) & (y > -2) & (y < self.rows + 1) & (length > 0)
+        )
         printed = (x > -1) & (x < self.columns) & (y > -1) & (y < self.rows)
         dark = ((np.floor(x) + np.floor(y)) % 2 == 0) & printed
-        return np.where(inside, rays * length, np.nan), np.where(dark, 0.22, 0.85)
+        return np.where(is_on_board, rays * length, np.nan), np.where(dark, 0.22, 0.85)
 
     def normals(self, points):
         side = -np.sign(self.rotation[:, 2] @ self.place)
         return np.broadcast_to((side * self.rotation[:, 2])[:, None], points.shape)
 
 
-def _sag(along, curvature):
+def _sag(place, curvature):
     """mm, of an arc."""
     if not curvature:
-        return 0.0 * along
-    return (1 - np.sqrt(1 - (curvature * along) ** 2)) / curvature
+        return 0.0 * place
+    return (1 - np.sqrt(1 - (curvature * place) ** 2)) / curvature
 
 
 @dataclass(frozen=True)
@@ -76,21 +79,21 @@ class Balls:
         """Points (3, n) mm where rays (3, n) meet the nearest ball, nan outside all balls, and the albedo (n,)."""
         nearest = np.full(rays.shape[1], np.inf)
         for centre, radius in zip(self.centres.T, self.radii):
-            along = centre @ rays
-            gap = ((rays * along - centre[:, None]) ** 2).sum(0)
+            axial = centre @ rays
+            gap = ((rays * axial - centre[:, None]) ** 2).sum(0)
             with np.errstate(invalid="ignore"):
-                length = along - np.sqrt(radius**2 - gap)
+                length = axial - np.sqrt(radius**2 - gap)
             nearest = np.fmin(nearest, length)
         return np.where(
             np.isfinite(nearest), rays * np.where(np.isfinite(nearest), nearest, 0), np.nan
         ), np.full(rays.shape[1], 0.8)
 
     def normals(self, points):
-        away = points[:, None] - self.centres[:, :, None]
-        distance = np.sqrt((away**2).sum(0))
-        mine = np.argmin(np.abs(distance - self.radii[:, None]), axis=0)
+        from_centre = points[:, None] - self.centres[:, :, None]
+        distance = np.sqrt((from_centre**2).sum(0))
+        nearest = np.argmin(np.abs(distance - self.radii[:, None]), axis=0)
         n = np.arange(points.shape[1])
-        return away[:, mine, n] / distance[mine, n]
+        return from_centre[:, nearest, n] / distance[nearest, n]
 
 
 @dataclass(frozen=True)
@@ -102,11 +105,11 @@ class Camera:
     @cached_property
     def rays(self) -> np.ndarray:
         """(3, H W, parts) unit rays."""
-        step = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
+        step = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
         u, v = (np.add.outer(np.arange(size), step).ravel() for size in (WIDTH, HEIGHT))
-        made = self.lens.rays(u, v).reshape(3, HEIGHT, _PARTS, WIDTH, _PARTS)
+        made = self.lens.rays(u, v).reshape(3, HEIGHT, _SUBPIXELS, WIDTH, _SUBPIXELS)
         return np.ascontiguousarray(made.transpose(0, 1, 3, 2, 4)).reshape(
-            3, HEIGHT * WIDTH, _PARTS**2
+            3, HEIGHT * WIDTH, _SUBPIXELS**2
         )
 
 
@@ -127,24 +130,24 @@ class Scene:
         """A thing before the camera."""
         rays = camera.rays.reshape(3, -1)
         points, albedo = thing.meet(rays)
-        seen = np.isfinite(points[0]).reshape(-1, _PARTS**2).any(1)
-        parts = np.repeat(seen, _PARTS**2)
-        points = points[:, parts]
+        seen = np.isfinite(points[0]).reshape(-1, _SUBPIXELS**2).any(1)
+        subpixels = np.repeat(seen, _SUBPIXELS**2)
+        points = points[:, subpixels]
         return cls(
             thing,
             np.flatnonzero(seen),
-            rays[:, parts],
+            rays[:, subpixels],
             points,
             thing.normals(points),
-            albedo[parts],
+            albedo[subpixels],
         )
 
     def image(self, bright: np.ndarray, rows=None) -> np.ndarray:
         """(H, W) means over the parts of each pixel of `bright` (N,), or of those of some pixels (rows of `pixels`)."""
-        whole = np.zeros(HEIGHT * WIDTH)
+        flat_image = np.zeros(HEIGHT * WIDTH)
         pixels = self.pixels if rows is None else self.pixels[rows]
-        whole[pixels] = np.nan_to_num(bright).reshape(-1, _PARTS**2).mean(1)
-        return whole.reshape(HEIGHT, WIDTH)
+        flat_image[pixels] = np.nan_to_num(bright).reshape(-1, _SUBPIXELS**2).mean(1)
+        return flat_image.reshape(HEIGHT, WIDTH)
 
     def lamp(self) -> np.ndarray:
         """(H, W) share of the full well from a lamp at the camera."""
@@ -155,14 +158,14 @@ class Scene:
 
     def stripe(self, light: Light, angle: float) -> np.ndarray:
         """(H, W) share of the full well from the laser at a true mirror angle (rad)."""
-        middle = self.points.reshape(3, -1, _PARTS**2)[:, :, _PARTS**2 // 2]
+        middle = self.points.reshape(3, -1, _SUBPIXELS**2)[:, :, _SUBPIXELS**2 // 2]
         with np.errstate(invalid="ignore"):
-            off = (
+            is_dark = (
                 np.abs(light.plane_distance(middle, angle))
                 < _REACH * light.width + 2 * self._reach() + 0.5
             )
-        rows = np.flatnonzero(off | np.isnan(middle[0]))
-        part = (rows[:, None] * _PARTS**2 + np.arange(_PARTS**2)).ravel()
+        rows = np.flatnonzero(is_dark | np.isnan(middle[0]))
+        part = (rows[:, None] * _SUBPIXELS**2 + np.arange(_SUBPIXELS**2)).ravel()
         points, normals, rays = self.points[:, part], self.normals[:, part], self.rays[:, part]
         source, _ = light.thrown(angle)
         coming = points - source[:, None]
@@ -184,8 +187,10 @@ class Scene:
         further = rays / np.maximum(-(rays * normals).sum(0), 0.1)
         total = np.zeros(points.shape[1])
         for way, share in zip(_DEPTHS, _SHARES):
-            below = points + depth * way * further
-            total += share * np.exp(-0.5 * (light.plane_distance(below, angle) / light.width) ** 2)
+            glow_points = points + depth * way * further
+            total += share * np.exp(
+                -0.5 * (light.plane_distance(glow_points, angle) / light.width) ** 2
+            )
         return total
 
 
@@ -196,11 +201,11 @@ def blurred(light: np.ndarray) -> np.ndarray:
 
 def laser(stripe: np.ndarray, rng: np.random.Generator, contrast: float = 0.1) -> np.ndarray:
     """(H, W) the stripe's light with its grains, as the lens spreads it; only where there is some is anything done."""
-    lit = np.argwhere(stripe > 0)
+    lit_pixels = np.argwhere(stripe > 0)
     made = np.zeros(stripe.shape)
-    if not len(lit):
+    if not len(lit_pixels):
         return made
-    low, high = np.maximum(lit.min(0) - 6, 0), lit.max(0) + 7
+    low, high = np.maximum(lit_pixels.min(0) - 6, 0), lit_pixels.max(0) + 7
     box = slice(low[0], high[0]), slice(low[1], high[1])
     grain = gaussian_filter(rng.standard_normal(stripe[box].shape), 0.8)
     grains = np.exp(contrast * grain / grain.std() - contrast**2 / 2)

@@ -98,12 +98,12 @@ class Light:
         lean, step, turns, phase = self.wobble
         wave = np.cos(turns * angle + phase)
         # the face is rotated about the axis, then leans towards it with the wave
-        across = np.cross(self.axis, self.face)
-        face = self.face * np.cos(angle) + across * np.sin(angle)
+        perpendicular = np.cross(self.axis, self.face)
+        face = self.face * np.cos(angle) + perpendicular * np.sin(angle)
         face = face * np.cos(lean * wave) + self.axis * np.sin(lean * wave)
         # mirror images of a point and of a direction
-        behind = face @ (self.source - self.pivot) - self.offset - step * wave
-        source = self.source - 2 * behind * face
+        depth = face @ (self.source - self.pivot) - self.offset - step * wave
+        source = self.source - 2 * depth * face
         normal = self.normal - 2 * (self.normal @ face) * face
         return source, normal
 
@@ -118,12 +118,12 @@ def light_of(rng: np.random.Generator) -> Light:
     """A mirror next to the camera that sweeps the field at about 125 mm, with random lengths."""
     lateral, reach = rng.uniform(64, 74), rng.uniform(120, 130)
     pivot = np.array([lateral, rng.uniform(-3, 3), rng.uniform(-4, 4)])
-    away = np.array([-lateral, 0.0, reach]) / np.hypot(lateral, reach)
+    to_field = np.array([-lateral, 0.0, reach]) / np.hypot(lateral, reach)
     coming = np.array([-1.0, 0.0, 0.0])
     tilt = rng.uniform(-0.01, 0.01, 2)
     axis = np.array([tilt[0], 1.0, tilt[1]])
     axis = axis / np.linalg.norm(axis)
-    face = away - coming
+    face = to_field - coming
     face = face - axis * (axis @ face)
     normal = np.array([rng.uniform(-0.004, 0.004), rng.uniform(-0.004, 0.004), 1.0])
     source = pivot - coming * rng.uniform(55, 70)

@@ -28,7 +28,7 @@ from datasets.makers.mujoco_arm import (
     ball_points,
     drive_errors,
     pose,
-    rest,
+    static_equilibria,
 )
 
 SEED = 20240416
@@ -76,11 +76,11 @@ def true_arm(rng: np.random.Generator) -> Arm:
     """The arm as built: lengths within 0.5 mm, angles within 0.3 deg, masses within 10 % of nominal."""
     nominal = arm_from_robot(robot())
     angle = np.deg2rad(0.3)
-    off = rng.uniform(-1, 1, nominal.geometry.shape) * [angle, 0.5, 0.5, angle, angle]
-    off[:, 4] *= np.arange(6) == 1  # only Hayati's row is off in beta
+    deviation = rng.uniform(-1, 1, nominal.geometry.shape) * [angle, 0.5, 0.5, angle, angle]
+    deviation[:, 4] *= np.arange(6) == 1  # only Hayati's row is off in beta
     return replace(
         nominal,
-        geometry=nominal.geometry + off,
+        geometry=nominal.geometry + deviation,
         mass=nominal.mass * rng.uniform(0.9, 1.1, 6),
         com=nominal.com * rng.uniform(0.95, 1.05, (6, 3)),
         tool_mass=nominal.tool_mass * rng.uniform(0.97, 1.03),
@@ -163,9 +163,9 @@ def _measure(arm, fault, joints_deg, columns, ball, plate, hand_eye) -> np.ndarr
     readings = np.deg2rad(joints_deg)
     slips, gaps = ([fault], []) if isinstance(fault, Slip) else ([], [fault])
     errors = drive_errors(readings, slips=slips, gaps=gaps, approach=approach)
-    still = rest(arm, readings, errors, columns["payload_kg"])
+    equilibrium = static_equilibria(arm, readings, errors, columns["payload_kg"])
     centres = np.array([_BALLS[int(k)][:3] for k in ball])
-    return ball_points(still.flange, centres, np.linalg.inv(plate), hand_eye)
+    return ball_points(equilibrium.flange, centres, np.linalg.inv(plate), hand_eye)
 
 
 if __name__ == "__main__":

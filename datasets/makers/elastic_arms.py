@@ -17,7 +17,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.makers import elastic_arm, folder
-from datasets.makers.mujoco_arm import Arm, arm_from_robot, pose, reflector_points, rest
+from datasets.makers.mujoco_arm import (
+    Arm,
+    arm_from_robot,
+    pose,
+    reflector_points,
+    static_equilibria,
+)
 
 KINDS = ("small-sensor", "small-tracker", "irb120", "large")
 SIGMA_MM = 0.03
@@ -113,7 +119,7 @@ def _with_tracker(rng, kind: str, mass_share: float, samples: int) -> folder.Mad
     payload = np.repeat(rng.permutation(np.resize(loads, -(-samples // 25))), 25)[:samples]
     arm = _true_arm(rng, arm_from_robot(robot), joints, mass_share)
     reflector = rng.integers(0, len(_REFLECTORS), samples)
-    flange = rest(arm, np.deg2rad(joints_deg), 0.0, payload).flange
+    flange = static_equilibria(arm, np.deg2rad(joints_deg), 0.0, payload).flange
     points = np.empty((samples, 3))
     for k, place in enumerate(_REFLECTORS):
         points[reflector == k] = reflector_points(flange[reflector == k], place, pose(*_TRACKER))
@@ -147,15 +153,15 @@ def _true_arm(rng, nominal: Arm, joints, mass_share: float) -> Arm:
     """Lengths, masses, centres and compliances as built."""
     count = nominal.joints
     angle = np.deg2rad(0.2)
-    off = rng.uniform(-1, 1, nominal.geometry.shape) * [angle, 0.5, 0.5, angle, angle]
-    off[:, 4] *= np.arange(count) == 1
+    deviation = rng.uniform(-1, 1, nominal.geometry.shape) * [angle, 0.5, 0.5, angle, angle]
+    deviation[:, 4] *= np.arange(count) == 1
     joint = np.array(joints) * rng.lognormal(0.0, 0.4, count)
     link = joint / np.exp(rng.uniform(np.log(5), np.log(50), count))
     link[4:] = 0.0  # the wrist has no links of a length
     pedestal = joint[0] / np.exp(rng.uniform(np.log(4), np.log(20), 2)) * (rng.random() < 0.7)
     return replace(
         nominal,
-        geometry=nominal.geometry + off,
+        geometry=nominal.geometry + deviation,
         mass=nominal.mass * (1 + mass_share * rng.normal(size=count)),
         com=nominal.com * (1 + mass_share * rng.normal(size=(count, 3))),
         tool_mass=nominal.tool_mass * (1 + 0.5 * mass_share * rng.normal()),

@@ -199,13 +199,13 @@ def touching(rng, geometry, limits, tip, targets, start, tilt: float) -> np.ndar
 
 def _heading(geometry, start, targets):
     """(n,) by how much joint 1 has to turn from the start posture to face each target."""
-    here = poses.forward(geometry, np.array(start)[None])[0, :2, 3]
-    return np.arctan2(targets[:, 1], targets[:, 0]) - math.atan2(here[1], here[0])
+    start_point = poses.forward_kinematics(geometry, np.array(start)[None])[0, :2, 3]
+    return np.arctan2(targets[:, 1], targets[:, 0]) - math.atan2(start_point[1], start_point[0])
 
 
 def tips(geometry: np.ndarray, tip: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """(n, 3) mm where the tip of an arm of `geometry` (6, 5) stands at joint angles (n, 6), base frame."""
-    flange = poses.forward(geometry, joints)
+    flange = poses.forward_kinematics(geometry, joints)
     return flange[:, :3, :3] @ tip + flange[:, :3, 3]
 
 
@@ -213,11 +213,15 @@ def _on_target(geometry, tip, joints, targets):
     """The smallest turns of the joints that bring each tip onto its target."""
     h = 1e-6
     for _ in range(4):
-        here = tips(geometry, tip, joints)
+        tips_at_joints = tips(geometry, tip, joints)
         slope = np.stack(
-            [(tips(geometry, tip, joints + h * e) - here) / h for e in np.eye(joints.shape[1])], 2
+            [
+                (tips(geometry, tip, joints + h * e) - tips_at_joints) / h
+                for e in np.eye(joints.shape[1])
+            ],
+            2,
         )
-        joints = joints + np.einsum("njk,nk->nj", np.linalg.pinv(slope), targets - here)
+        joints = joints + np.einsum("njk,nk->nj", np.linalg.pinv(slope), targets - tips_at_joints)
     return joints
 
 
@@ -228,11 +232,11 @@ def unseen(made: folder.Made, n: int = 500, seed: int = 99, tilt_deg: float = 80
     their heights, with the same tilts.
     """
     rng, truth = np.random.default_rng(seed), made.truth
-    around, reach = np.arctan2(*truth["points"].T[1::-1]), np.hypot(*truth["points"].T[:2])
-    angle = rng.choice(around, n) + rng.uniform(-0.6, 0.6, n)
-    far = rng.uniform(reach.min() - 20, reach.max(), n)
+    azimuths, reach = np.arctan2(*truth["points"].T[1::-1]), np.hypot(*truth["points"].T[:2])
+    angle = rng.choice(azimuths, n) + rng.uniform(-0.6, 0.6, n)
+    distance = rng.uniform(reach.min() - 20, reach.max(), n)
     height = rng.uniform(truth["points"][:, 2].min() - 60, truth["points"][:, 2].max() + 60, n)
-    targets = np.column_stack([far * np.cos(angle), far * np.sin(angle), height])
+    targets = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), height])
     limits, start = truth["limits"], truth["start"]
     return touching(
         rng, truth["geometry"], limits, truth["tip"], targets, start, np.deg2rad(tilt_deg)

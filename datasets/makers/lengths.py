@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from datasets.makers import elastic_arm, folder
-from datasets.makers.mujoco_arm import reflector_points, rest
+from datasets.makers.mujoco_arm import reflector_points, static_equilibria
 
 REFLECTOR = (35.0, -20.0, 90.0)
 NOISE_MM = 0.005
@@ -65,8 +65,8 @@ def _pairs(rng, arm, pairs, reach_mm):
     )
     rigid = replace(arm, joint_compliance=0.0, link_compliance=0.0, pedestal_compliance=(0.0, 0.0))
     places = _places(rigid, tried)
-    apart = np.linalg.norm(places[0::2] - places[1::2], axis=1)
-    good = np.flatnonzero((apart > _LEAST_MM) & (apart < reach_mm))[:pairs]
+    distance = np.linalg.norm(places[0::2] - places[1::2], axis=1)
+    good = np.flatnonzero((distance > _LEAST_MM) & (distance < reach_mm))[:pairs]
     if len(good) < pairs:
         raise ValueError(f"only {len(good)} of the {pairs} wanted pairs lie within {reach_mm:g} mm")
     return tried.reshape(-1, 2, len(limits))[good].reshape(2 * pairs, -1)
@@ -74,7 +74,9 @@ def _pairs(rng, arm, pairs, reach_mm):
 
 def _places(arm, joints_deg):
     """(n, 3) mm: the reflector in the base frame."""
-    return reflector_points(rest(arm, np.deg2rad(joints_deg)).flange, REFLECTOR, np.eye(4))
+    return reflector_points(
+        static_equilibria(arm, np.deg2rad(joints_deg)).flange, REFLECTOR, np.eye(4)
+    )
 
 
 def main() -> None:

@@ -48,7 +48,7 @@ ERRORS = (
 _LIMITS = ((-165, 165), (-110, 110), (-110, 70), (-160, 160), (-120, 120), (-400, 400))
 _CAP = np.deg2rad(75)  # of the sphere, from its pole
 _CONE = np.deg2rad(40)  # how far a beam may lean from the line shoulder - detector
-_FROM, _TO = 120.0, 260.0  # mm between flange and detector
+_NEAREST_MM, _FARTHEST_MM = 120.0, 260.0  # mm between flange and detector
 
 
 def sphere() -> tuple[np.ndarray, float]:
@@ -66,8 +66,8 @@ def middles_on_sphere(positions: int) -> np.ndarray:
     height = 1 - (1 - np.cos(_CAP)) * k / positions
     golden_angle = np.pi * (3 - np.sqrt(5))
     angle = k * golden_angle
-    around = np.sqrt(1 - height**2)
-    rays = np.stack([around * np.cos(angle), around * np.sin(angle), height], 1)
+    ring_radius = np.sqrt(1 - height**2)
+    rays = np.stack([ring_radius * np.cos(angle), ring_radius * np.sin(angle), height], 1)
     shoulder = np.array([0, 0, _NOMINAL[0][2]])
     towards_arm, _ = Rotation.align_vectors(shoulder - centre, [0, 0, 1])
     return centre + radius * towards_arm.apply(rays)
@@ -119,23 +119,23 @@ def aiming(rng, geometry: np.ndarray, targets: np.ndarray) -> np.ndarray:
 
 def _views(rng, targets):
     """(n, 4, 4) flange poses whose x axis looks at the targets from the arm's side, rolled at random."""
-    away = targets - [0, 0, _NOMINAL[0][2]]
-    away = away / np.linalg.norm(away, axis=1, keepdims=True)
-    lean = rng.normal(size=away.shape)
-    lean = np.cross(away, lean / np.linalg.norm(lean, axis=1, keepdims=True))
-    lean = lean * _CONE * rng.uniform(0, 1, (len(away), 1))
-    along = Rotation.from_rotvec(lean).apply(away)
-    side = np.cross(along, rng.normal(size=along.shape))
+    direction = targets - [0, 0, _NOMINAL[0][2]]
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    lean = rng.normal(size=direction.shape)
+    lean = np.cross(direction, lean / np.linalg.norm(lean, axis=1, keepdims=True))
+    lean = lean * _CONE * rng.uniform(0, 1, (len(direction), 1))
+    beam = Rotation.from_rotvec(lean).apply(direction)
+    side = np.cross(beam, rng.normal(size=beam.shape))
     side = side / np.linalg.norm(side, axis=1, keepdims=True)
     views = np.tile(np.eye(4), (len(targets), 1, 1))
-    views[:, :3, :3] = np.stack([along, side, np.cross(along, side)], 2)
-    views[:, :3, 3] = targets - rng.uniform(_FROM, _TO, (len(targets), 1)) * along
+    views[:, :3, :3] = np.stack([beam, side, np.cross(beam, side)], 2)
+    views[:, :3, 3] = targets - rng.uniform(_NEAREST_MM, _FARTHEST_MM, (len(targets), 1)) * beam
     return views
 
 
 def misses(geometry: np.ndarray, joints: np.ndarray, targets: np.ndarray) -> np.ndarray:
     """(n, 2) mm by which each beam passes its target, in the flange's y and z."""
-    flange = poses.forward(geometry, joints)
+    flange = poses.forward_kinematics(geometry, joints)
     return np.einsum("nji,nj->ni", flange[:, :3, :3], targets - flange[:, :3, 3])[:, 1:]
 
 
@@ -143,15 +143,15 @@ def _on_target(geometry, joints, targets):
     """The smallest turns of the joints that bring each beam onto its target."""
     h = 1e-6
     for _ in range(4):
-        here = misses(geometry, joints, targets)
+        misses_at_joints = misses(geometry, joints, targets)
         slope = np.stack(
             [
-                (misses(geometry, joints + h * e, targets) - here) / h
+                (misses(geometry, joints + h * e, targets) - misses_at_joints) / h
                 for e in np.eye(joints.shape[1])
             ],
             2,
         )
-        joints = joints - np.einsum("njk,nk->nj", np.linalg.pinv(slope), here)
+        joints = joints - np.einsum("njk,nk->nj", np.linalg.pinv(slope), misses_at_joints)
     return joints
 
 

@@ -73,7 +73,7 @@ class Arm:
 
 
 @dataclass(frozen=True)
-class Rest:
+class StaticEquilibria:
     """Static equilibria of the arm, one row for each configuration.
 
     flange: (n, 4, 4) pose of the flange in the base frame, mm.
@@ -207,25 +207,25 @@ def mjcf(arm: Arm) -> str:
     _mass(body, 0.0, np.zeros(3))
     for name, axis in (("pedestal-x", (1, 0, 0)), ("pedestal-y", (0, 1, 0))):
         _hinge(body, name, axis)
-    here = np.eye(4)
+    frame = np.eye(4)
     for k in range(arm.joints):
-        body, here = _link(body, here, k + 1, arm)
-    flange = _body(body, "flange", here)
+        body, frame = _link(body, frame, k + 1, arm)
+    flange = _body(body, "flange", frame)
     _mass(flange, arm.tool_mass, np.asarray(arm.tool_com))
     load = _body(flange, "payload", _translation(arm.tool_com))
     _mass(load, 0.0, np.zeros(3))
     return ET.tostring(root, encoding="unicode")
 
 
-def _link(parent: ET.Element, here: np.ndarray, k: int, arm: Arm) -> tuple[ET.Element, np.ndarray]:
+def _link(parent: ET.Element, frame: np.ndarray, k: int, arm: Arm) -> tuple[ET.Element, np.ndarray]:
     """Joint k and link k below `parent`; also where frame k is in the new body."""
     _, d, a, alpha, beta = arm.geometry[k - 1]
-    joint = _body(parent, f"joint-{k}", here)
+    joint = _body(parent, f"joint-{k}", frame)
     _hinge(joint, f"joint-{k}", (0, 0, 1))
     _mass(joint, 0.0, np.zeros(3))
     middle = np.array([a / 2, 0, d / 2])
     bend = _body(joint, f"link-{k}", _translation(middle))
-    for name, axis in zip("uv", _across(middle)):
+    for name, axis in zip("uv", _perpendicular_axes(middle)):
         _hinge(bend, f"link-{k}-{name}", axis)
     end = _translation(middle)
     end[:3, :3] = Rotation.from_euler("XY", [alpha, beta]).as_matrix()
@@ -233,7 +233,7 @@ def _link(parent: ET.Element, here: np.ndarray, k: int, arm: Arm) -> tuple[ET.El
     return bend, end
 
 
-def _across(line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _perpendicular_axes(line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit axes across a line that lies in the x-z plane."""
     y = np.array([0.0, 1.0, 0.0])
     length = np.linalg.norm(line)
@@ -245,10 +245,10 @@ def _body(parent: ET.Element, name: str, pose: np.ndarray) -> ET.Element:
     return ET.SubElement(parent, "body", name=name, pos=_text(pose[:3, 3] / 1e3), quat=_text(quat))
 
 
-def _mass(body: ET.Element, kg: float, at: np.ndarray) -> None:
+def _mass(body: ET.Element, kg: float, centre: np.ndarray) -> None:
     kg = max(float(kg), _NO_MASS)
     inertia = _text([1e-12] * 3)  # a point: rotation at rest asks for no more
-    ET.SubElement(body, "inertial", pos=_text(at / 1e3), mass=repr(kg), diaginertia=inertia)
+    ET.SubElement(body, "inertial", pos=_text(centre / 1e3), mass=repr(kg), diaginertia=inertia)
 
 
 def _hinge(body: ET.Element, name: str, axis: ArrayLike) -> None:
@@ -282,9 +282,9 @@ def _compliances(arm: Arm) -> np.ndarray:
 # ------------------------------------------------------------------ at rest
 
 
-def rest(
+def static_equilibria(
     arm: Arm, readings: np.ndarray, errors: ArrayLike = 0.0, payload_kg: ArrayLike = 0.0
-) -> Rest:
+) -> StaticEquilibria:
     """Static equilibrium of every configuration, payload and drive error.
 
     readings: (n, J) rad; errors: (n, J) rad from `drive_errors`, added after
@@ -304,7 +304,7 @@ def rest(
     return _rest_all(model, arm, angles, loads)
 
 
-def _rest_all(model, arm: Arm, angles: np.ndarray, loads: np.ndarray) -> Rest:
+def _rest_all(model, arm: Arm, angles: np.ndarray, loads: np.ndarray) -> StaticEquilibria:
     import mujoco
 
     data = mujoco.MjData(model)
@@ -322,7 +322,9 @@ def _rest_all(model, arm: Arm, angles: np.ndarray, loads: np.ndarray) -> Rest:
         torques.append(-data.qfrc_bias)
         imbalance.append(imbalance_k)
     names = tuple(model.joint(i).name for i in range(model.njnt))
-    return Rest(np.array(poses), names, np.array(bends), np.array(torques), np.array(imbalance))
+    return StaticEquilibria(
+        np.array(poses), names, np.array(bends), np.array(torques), np.array(imbalance)
+    )
 
 
 def _set_load(model, data, body: int, kg: float) -> None:
@@ -357,14 +359,14 @@ def _settle(model, data, q0, compliance, stiff, row) -> tuple[np.ndarray, float]
 
 def _imbalance(data, q, stiff, row) -> float:
     scale = max(np.abs(data.qfrc_bias).max(), 1e-12)
-    off = np.where(stiff != 0, np.abs(data.qfrc_passive - data.qfrc_bias), 0.0)
+    imbalance = np.where(stiff != 0, np.abs(data.qfrc_passive - data.qfrc_bias), 0.0)
     # A spring this stiff cannot be balanced better than a double holds its angle.
     rounding = 4 * np.finfo(float).eps * np.abs(stiff) * (1 + np.abs(q))
-    if not np.all(off <= _BALANCE * scale + rounding):
+    if not np.all(imbalance <= _BALANCE * scale + rounding):
         raise StaticsError(
             f"configuration {row}: springs and gravity do not balance; the arm is too soft"
         )
-    return float(off.max() / scale)
+    return float(imbalance.max() / scale)
 
 
 def _pose(data, body: int) -> np.ndarray:

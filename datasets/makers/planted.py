@@ -22,7 +22,7 @@ from datasets.makers.mujoco_arm import (
     drive_errors,
     pose,
     reflector_points,
-    rest,
+    static_equilibria,
 )
 
 ROBOTS = ("irb120", "small", "large")
@@ -162,7 +162,7 @@ def _poses(rng, robot: Mapping, count: int, loads):
 def _points(arm: Arm, drives, joints_deg, approach, payload) -> np.ndarray:
     readings = np.deg2rad(joints_deg)
     errors = drive_errors(readings, **drives, approach=approach)
-    flange = rest(arm, readings, errors, payload).flange
+    flange = static_equilibria(arm, readings, errors, payload).flange
     return reflector_points(flange, _REFLECTOR, pose(*_TRACKER))
 
 

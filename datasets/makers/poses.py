@@ -21,23 +21,23 @@ def _fixed(d, a, alpha, beta) -> np.ndarray:
     return out
 
 
-def forward(geometry: np.ndarray, joints: np.ndarray) -> np.ndarray:
+def forward_kinematics(geometry: np.ndarray, joints: np.ndarray) -> np.ndarray:
     """(n, 4, 4) flange poses of the rigid arm at joint angles (n, J)."""
     out = np.tile(np.eye(4), (len(joints), 1, 1))
-    for (theta, *rest), q in zip(geometry, joints.T):
+    for (theta, *constants), q in zip(geometry, joints.T):
         cosine, sine = np.cos(q + theta)[:, None], np.sin(q + theta)[:, None]
         x, y = out[..., 0].copy(), out[..., 1].copy()
         out[..., 0], out[..., 1] = cosine * x + sine * y, cosine * y - sine * x
-        out = out @ _fixed(*rest)
+        out = out @ _fixed(*constants)
     return out
 
 
 def _miss(geometry, joints, targets) -> np.ndarray:
     """(n, 6) how far each flange is from its target, all in mm."""
-    here = forward(geometry, joints)
-    relative = targets[:, :3, :3] @ here[:, :3, :3].transpose(0, 2, 1)
+    reached = forward_kinematics(geometry, joints)
+    relative = targets[:, :3, :3] @ reached[:, :3, :3].transpose(0, 2, 1)
     rotation = Rotation.from_matrix(relative).as_rotvec()
-    return np.hstack([targets[:, :3, 3] - here[:, :3, 3], _LEVER * rotation])
+    return np.hstack([targets[:, :3, 3] - reached[:, :3, 3], _LEVER * rotation])
 
 
 def _newton_step(geometry, joints, targets, damping: float = 1.0) -> np.ndarray:
@@ -70,9 +70,9 @@ def inverse(
         if not len(moving):
             break
     joints = (joints + np.pi) % (2 * np.pi) - np.pi
-    near = np.linalg.norm(_miss(geometry, joints, targets), axis=1) < 0.01
-    inside = np.all((joints > limits[:, 0]) & (joints < limits[:, 1]), axis=1)
-    return joints, near & inside
+    is_near = np.linalg.norm(_miss(geometry, joints, targets), axis=1) < 0.01
+    is_within_limits = np.all((joints > limits[:, 0]) & (joints < limits[:, 1]), axis=1)
+    return joints, is_near & is_within_limits
 
 
 def looking_down(rng: np.random.Generator, n: int, tilt: float, roll: float) -> np.ndarray:

@@ -55,7 +55,7 @@ def tx60(
     nominal, true = geometries()
     joints = in_cube(rng, nominal, n)
     joints_deg = np.round(np.rad2deg(joints), 4)
-    flange = poses.forward(nominal if planned else true, np.deg2rad(joints_deg))
+    flange = poses.forward_kinematics(nominal if planned else true, np.deg2rad(joints_deg))
     sigma = (0.0, 0.0) if planned else (position_mm, np.deg2rad(axis_deg))
     points = flange[:, :3, 3] + rng.normal(0, 1, (n, 3)) * sigma[0]
     rotations = (
@@ -118,7 +118,7 @@ def in_cube(rng: np.random.Generator, geometry: np.ndarray, n: int) -> np.ndarra
     limits = np.deg2rad(_LIMITS)
     drawn = rng.uniform(*limits.T, (150 * n, 6))
     drawn = drawn[(np.abs(drawn[:, 0]) > np.pi / 2) & (drawn[:, 1] < 0)]
-    place = poses.forward(geometry, drawn)[:, :3, 3] - measurement["cube_centre_mm"]
+    place = poses.forward_kinematics(geometry, drawn)[:, :3, 3] - measurement["cube_centre_mm"]
     drawn, place = (
         rows[np.abs(place).max(1) < measurement["cube_mm"] / 2] for rows in (drawn, place)
     )

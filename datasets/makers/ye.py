@@ -40,7 +40,7 @@ from datasets.makers.mujoco_arm import (
     drive_errors,
     pose,
     reflector_points,
-    rest,
+    static_equilibria,
 )
 
 LOAD_N = 10.0
@@ -218,7 +218,9 @@ def harmonics(table: Table) -> list[Harmonic]:
 
 def _flange(table: Table, joints_deg: np.ndarray) -> np.ndarray:
     readings = np.deg2rad(joints_deg)
-    return rest(true_arm(table), readings, drive_errors(readings, harmonics(table))).flange
+    return static_equilibria(
+        true_arm(table), readings, drive_errors(readings, harmonics(table))
+    ).flange
 
 
 def ye_first_experiment(

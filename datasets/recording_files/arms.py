@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from datasets.errors import complaint
-from datasets.files import inside, label, read_text, read_toml
+from datasets.files import file_in_folder, label, read_text, read_toml
 from datasets.recording_files.keys import shown
 from workbench.core.robot_files.robot_description import is_description
 from workbench.core.robot_files.robot_file import checked_robot_file
@@ -33,7 +33,7 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
             "no such key",
             'write file = "robot.toml" or builtin = "<name>" under [robot]',
         )
-    path = inside(folder, section["file"], "key robot.file", called)
+    path = file_in_folder(folder, section["file"], "key robot.file", called)
     if is_description(path):
         return _urdf(path, section)
     if path.suffix.lower() != ".toml":

@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from datasets.errors import complaint
-from datasets.files import check_file, inside, label
+from datasets.files import check_file, file_in_folder, label
 from datasets.formats.table import Table, read_table
 from datasets.recording_files.rows import Rows
 
@@ -39,13 +39,15 @@ def read_images(folder: Path, name: str, called: str, samples) -> Rows:
     and floats for all else; an empty cell of a column of numbers is left out of its row.
     samples: sample numbers of the recording. Raises InputError.
     """
-    path = inside(folder, name, "key images.file", called)
+    path = file_in_folder(folder, name, "key images.file", called)
     table = read_table(path, label(path), TEXT, blanks=True)
     _check_columns(table)
     rows = Rows.of(table.columns)
     for k, row in enumerate(rows):
         _check_row(table, k, row, samples)
-        image = inside(folder, row["image"], f"row {table.rows[k]}, column image", table.called)
+        image = file_in_folder(
+            folder, row["image"], f"row {table.rows[k]}, column image", table.called
+        )
         check_image(image, f"{table.where(k, 'image')}, {row['image']}")
     _check_together(table, rows)
     return replace(rows, integers=frozenset(INTEGERS))
@@ -109,12 +111,12 @@ def _check_together(table: Table, rows: Rows) -> None:
     same = np.fromiter(
         (hash(str(PurePosixPath(name))) for name in table.columns["image"]), np.int64, len(rows)
     )
-    if twice := _repeated(same[:, None]):
-        first, again = twice
+    if repeated := _repeated(same[:, None]):
+        first, second = repeated
         raise complaint(
-            table.where(again, "image"),
+            table.where(second, "image"),
             "every image once",
-            f"{rows[again]['image']} again (first in row {table.rows[first]})",
+            f"{rows[second]['image']} again (first in row {table.rows[first]})",
             "delete the copy or name the image that was meant",
         )
     role = table.columns["role"]
@@ -130,11 +132,11 @@ def _check_together(table: Table, rows: Rows) -> None:
     ]
     swept_by = [rows.values(name, np.inf) for name in ("step", "sweep")]
     steps = np.stack([*numbers, *swept_by, *moved], 1)
-    if twice := _repeated(steps[swept]):
-        first, again = swept[list(twice)]
+    if repeated := _repeated(steps[swept]):
+        first, second = swept[list(repeated)]
         raise complaint(
-            table.where(again, "step"),
-            f"every step of a {NEEDS[role[again]]} once",
+            table.where(second, "step"),
+            f"every step of a {NEEDS[role[second]]} once",
             f"the step of row {table.rows[first]} again",
             "number the steps; where the robot or a turntable moves between images, add sample or table_deg",
         )
@@ -151,10 +153,10 @@ def _check_together(table: Table, rows: Rows) -> None:
 def _repeated(keys: np.ndarray) -> tuple[int, int] | None:
     """The first repeated row of keys (n, k), as (first occurrence, row); None without one."""
     order = np.lexsort(keys.T)
-    again = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(1))
-    if not len(again):
+    repeats = np.flatnonzero((keys[order[1:]] == keys[order[:-1]]).all(1))
+    if not len(repeats):
         return None
-    row = order[again + 1].min()
+    row = order[repeats + 1].min()
     return int(np.flatnonzero((keys == keys[row]).all(1))[0]), int(row)
 
 

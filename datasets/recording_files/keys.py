@@ -173,25 +173,29 @@ def check_keys(found: Mapping, wanted: Mapping[str, Key], where: str) -> None:
                     f"{where}, key {name}", key.expected, shown(found[name]), "correct the value"
                 )
         elif key.required:
-            near = _near(name, found, wanted)
-            do = f"rename {near} to {name} and mind the unit" if near else f"add {name}"
+            similar_key = _similar_key(name, found, wanted)
+            do = (
+                f"rename {similar_key} to {name} and mind the unit"
+                if similar_key
+                else f"add {name}"
+            )
             raise complaint(
                 f"{where}, key {name}",
                 key.expected,
-                f"the key {near}" if near else "no such key",
+                f"the key {similar_key}" if similar_key else "no such key",
                 do,
             )
     for name in found:
-        if name not in wanted and (near := _near(name, wanted, found)):
+        if name not in wanted and (similar_key := _similar_key(name, wanted, found)):
             raise complaint(
                 f"{where}, key {name}",
-                f"the key {near}",
+                f"the key {similar_key}",
                 name,
-                f"rename it to {near} and mind the unit",
+                f"rename it to {similar_key} and mind the unit",
             )
 
 
-def _near(name: str, candidates: Mapping, taken: Mapping) -> str | None:
+def _similar_key(name: str, candidates: Mapping, taken: Mapping) -> str | None:
     """A candidate that `name` was probably meant to be and that is not in `taken`."""
     free = [c for c in candidates if c not in taken]
     return closest_key(name, free, _SIMILARITY)

@@ -51,7 +51,9 @@ class Rows(Sequence):
         return (self[k] for k in range(len(self)))
 
     def __eq__(self, other) -> bool:
-        return len(self) == len(other) and all(mine == its for mine, its in zip(self, other))
+        return len(self) == len(other) and all(
+            row == other_row for row, other_row in zip(self, other)
+        )
 
     __hash__ = None
 
@@ -74,12 +76,12 @@ class Rows(Sequence):
         starts = np.flatnonzero(np.diff(place[order], prepend=-1, append=len(self)))
         return Grouped(self[order], column, starts if len(self) else np.zeros(1, int))
 
-    def values(self, column: str, otherwise: float) -> np.ndarray:
-        """(m,) numbers of a column, `otherwise` where a row has none."""
+    def values(self, column: str, default: float) -> np.ndarray:
+        """(m,) numbers of a column, `default` where a row has none."""
         if column not in self.columns:
-            return np.full(len(self), float(otherwise))
+            return np.full(len(self), float(default))
         found = self.columns[column][self.chosen]
-        return np.where(np.isfinite(found), found, otherwise)
+        return np.where(np.isfinite(found), found, default)
 
     def code(self, column: str, text: str) -> int:
         """The number of a text in that column; KeyError where it is not there."""
@@ -100,12 +102,12 @@ class Rows(Sequence):
             else np.array([row.get(name, np.nan) for row in rows], float)
             for name in names
         }
-        whole = [
+        cell_lists = [
             name
             for name in names
             if name not in text and all(isinstance(row.get(name, 0), int) for row in rows)
         ]
-        return cls.of(columns, whole)
+        return cls.of(columns, cell_lists)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,5 +142,5 @@ class Grouped(Mapping):
 
     def at(self, k: int) -> tuple[str, Rows]:
         """Text and rows of group k."""
-        mine = self.rows[self.starts[k] : self.starts[k + 1]]
-        return mine[0][self.column], mine
+        rows_of_group = self.rows[self.starts[k] : self.starts[k + 1]]
+        return rows_of_group[0][self.column], rows_of_group

@@ -87,21 +87,21 @@ def _with_counts(group: dict) -> dict:
 
 def _placements() -> dict:
     """[tool] and [frame] of a mapping: one transform, or one for each number or name."""
-    one = Placement.model_json_schema()
+    schema = Placement.model_json_schema()
     return {
         "type": "object",
-        "properties": one["properties"],
-        "additionalProperties": one,
+        "properties": schema["properties"],
+        "additionalProperties": schema,
         "minProperties": 1,
     }
 
 
 def samples_schema() -> dict:
     """One row of samples.csv as an object; any other column with numbers is a covariate of its own name."""
-    number, whole = {"type": "number"}, {"type": "integer"}
+    number, integer = {"type": "number"}, {"type": "integer"}
     properties = {
-        "sample": whole,
-        **dict.fromkeys(INTEGERS[1:], whole),
+        "sample": integer,
+        **dict.fromkeys(INTEGERS[1:], integer),
         **dict.fromkeys(GROUPS, {"type": ["integer", "string"]}),
         **dict.fromkeys((*POINT, *QUATERNION, *AXES[0], *AXES[1], *FLANGE), number),
         **dict.fromkeys(LENGTHS, {"type": "number", "exclusiveMinimum": 0}),

@@ -68,13 +68,13 @@ def has_columns(table: Table, context: Context) -> None:
 def _has(table: Table, name: str, context: Context) -> None:
     if name in table.columns:
         return
-    near = next((c for c in table.columns if intended_column(c) == name), None)
+    similar_name = next((c for c in table.columns if intended_column(c) == name), None)
     do = (
-        f"convert {near} and rename it to {name}"
-        if near
+        f"convert {similar_name} and rename it to {name}"
+        if similar_name
         else f"add it: a sample of {context.measures} is {context.kind.sample}"
     )
-    found = f"the column {near}" if near else "no such column"
+    found = f"the column {similar_name}" if similar_name else "no such column"
     raise complaint(f"{table.called}, column {name}", "this column", found, do)
 
 
@@ -82,12 +82,12 @@ def joints_are_named(table: Table, context: Context) -> None:
     """Joint columns run from 1 without a gap and carry their unit."""
     names = joint_columns(table.columns)
     for name in table.columns:
-        if (near := intended_column(name)) and near.startswith("q"):
+        if (similar_name := intended_column(name)) and similar_name.startswith("q"):
             raise complaint(
                 f"{table.called}, column {name}",
-                f"a joint reading called {near}",
+                f"a joint reading called {similar_name}",
                 name,
-                f"convert it to degrees and rename it to {near}",
+                f"convert it to degrees and rename it to {similar_name}",
             )
     if context.kind.joints and not names and not set(FLANGE) & set(table.columns):
         raise complaint(
@@ -112,18 +112,18 @@ def flange_is_whole(table: Table, context: Context) -> None:
 
     No flange stays within 10 mm of the base of its arm: such numbers are metres.
     """
-    near = [
+    similar_names = [
         name
         for name in table.columns
         if name in FLANGE or (intended_column(name) or "").startswith("flange")
     ]
     missing = [name for name in FLANGE if name not in table.columns]
-    if near and missing:
-        other = next((name for name in near if intended_column(name) == missing[0]), None)
+    if similar_names and missing:
+        other = next((name for name in similar_names if intended_column(name) == missing[0]), None)
         do = (
             f"convert {other} and rename it to {missing[0]}"
             if other
-            else f"add it next to {near[0]}"
+            else f"add it next to {similar_names[0]}"
         )
         raise complaint(
             f"{table.called}, column {missing[0]}",
@@ -131,13 +131,13 @@ def flange_is_whole(table: Table, context: Context) -> None:
             f"the column {other}" if other else "no such column",
             do,
         )
-    if near and not context.small_range:
-        far = np.abs([table.columns[name] for name in FLANGE[:3]]).max()
-        if far < 10:
+    if similar_names and not context.small_range:
+        largest = np.abs([table.columns[name] for name in FLANGE[:3]]).max()
+        if largest < 10:
             raise complaint(
                 f"{table.called}, columns flange_x_mm, flange_y_mm, flange_z_mm",
                 "places in mm",
-                f"a flange within {far:.3g} of the base, as if in metres",
+                f"a flange within {largest:.3g} of the base, as if in metres",
                 "multiply them by 1000",
             )
 
@@ -233,12 +233,12 @@ def physical_bounds(table: Table, context: Context | None = None) -> None:
         )
         if not (is_load or is_temperature) or values.dtype.kind != "f":
             continue
-        least, expected = (
+        minimum, expected = (
             (0.0, "a mass of 0 kg or more")
             if is_load
             else (-273.15, "a temperature above -273.15 °C")
         )
-        row = first(values < least)
+        row = first(values < minimum)
         if row is not None:
             raise complaint(table.where(row, name), expected, f"{values[row]:g}", "correct it")
 
@@ -301,7 +301,7 @@ def balls_are_known(table: Table, context: Context) -> None:
 
 def groups_constrain(table: Table, context: Context) -> None:
     """Points that are touched, and pairs, have the rows that make them say something."""
-    for name, least in (("point", 2), ("pair", 2)):
+    for name, min_rows in (("point", 2), ("pair", 2)):
         if name in context.kind.columns:
             _, index, count = np.unique(
                 table.columns[name], return_inverse=True, return_counts=True
@@ -309,14 +309,14 @@ def groups_constrain(table: Table, context: Context) -> None:
             wrong = (
                 count[index] != 2
                 if name == "pair"
-                else np.full(len(index), bool(np.all(count < least)))
+                else np.full(len(index), bool(np.all(count < min_rows)))
             )
             row = first(wrong)
             if row is not None:
-                more = " or more" if name == "point" else ""
+                or_more = " or more" if name == "point" else ""
                 raise complaint(
                     table.where(row, name),
-                    f"two rows{more} with one {name}",
+                    f"two rows{or_more} with one {name}",
                     f"{count[index][row]}",
                     "give rows that belong together the same number",
                 )

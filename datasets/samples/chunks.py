@@ -37,7 +37,7 @@ _SHOWN = 8
 class Chunks:
     """`head` without columns; `n` moving rows in the file at `path`; `thin` some five to ten thousand of them, evenly
     spread
-    and in order; `each` one row of every target that is seen; `pose` (n,) a label that repeats of one pose share.
+    and in order; `first_rows` one row of every target that is seen; `pose` (n,) a label that repeats of one pose share.
     `copies`: numbers of the moving rows that repeat an earlier row exactly; they are left out of everything.
     """
 
@@ -45,7 +45,7 @@ class Chunks:
     path: Path
     n: int
     thin: Recording
-    each: Recording
+    first_rows: Recording
     pose: np.ndarray
     copies: np.ndarray
 
@@ -88,14 +88,14 @@ def read_chunks(folder: Path, trust_data: bool = False) -> Chunks:
             "save the samples as samples.parquet, or use `workbench calibrate`",
         )
     check_file(path, label(path), ".parquet")
-    numbers, poses, thin, each, ids, keys = 0, [], [], {}, [], []
+    numbers, poses, thin, first_rows, ids, keys = 0, [], [], {}, [], []
     step = max(_rows_of(path) // _THIN, 1)
     for table in _tables(path):
         _check(table, context)
         ids.append(table.columns["sample"].astype(np.int64))
         made = _moving(replace(head, columns=dict(table.columns)))
         made = numbered(made, np.arange(numbers, numbers + made.n))
-        _first_of_each(made, _NUMBERED[head.measures], each)
+        _first_of_each(made, _NUMBERED[head.measures], first_rows)
         poses.append(pose_labels(made))
         keys.append(row_hashes(measurement_keys(made)))
         thin.append(made.select(np.flatnonzero(_chosen(numbers + np.arange(made.n), step))))
@@ -111,7 +111,7 @@ def read_chunks(folder: Path, trust_data: bool = False) -> Chunks:
     head = replace(head, warnings=warnings)
     sample = replace(sample.select(~np.isin(sample.columns["row"], copies)), warnings=warnings)
     pose = np.delete(np.concatenate(poses), copies)
-    targets = _joined([each[key] for key in sorted(each)])
+    targets = _joined([first_rows[key] for key in sorted(first_rows)])
     return Chunks(head, path, numbers - copies.size, sample, targets, pose, copies)
 
 
@@ -126,11 +126,11 @@ def _copies(hashes: np.ndarray, thin: Recording) -> np.ndarray:
 
 def _copies_sentence(head: Recording, rows: int, copies: np.ndarray) -> str:
     shown = ", ".join(str(row + 1) for row in copies[:_SHOWN])
-    more = f" and {copies.size - _SHOWN} more" if copies.size > _SHOWN else ""
+    remainder = f" and {copies.size - _SHOWN} more" if copies.size > _SHOWN else ""
     return (
         f"samples of recording '{head.name}': {copies.size} of {rows} moving rows repeat the joint readings and the "
-        f"measured values of an earlier row exactly (moving row {shown}{more}); a copy is no further measurement and "
-        "is counted once; remove these rows, or export the measurements again if they were repeated."
+        f"measured values of an earlier row exactly (moving row {shown}{remainder}); a copy is no further measurement "
+        "and is counted once; remove these rows, or export the measurements again if they were repeated."
     )
 
 
@@ -187,16 +187,18 @@ def _moving(recording: Recording) -> Recording:
     return recording.select(recording.moving)
 
 
-def _first_of_each(made: Recording, column: str, each: dict) -> None:
+def _first_of_each(made: Recording, column: str, first_rows: dict) -> None:
     for number, row in zip(*np.unique(getattr(made, column), return_index=True)):
-        each.setdefault(int(number), made.select(np.array([row])))
+        first_rows.setdefault(int(number), made.select(np.array([row])))
 
 
-def _joined(parts: list[Recording]) -> Recording:
-    names = parts[0].columns
+def _joined(recordings: list[Recording]) -> Recording:
+    names = recordings[0].columns
     return replace(
-        parts[0],
-        columns={name: np.concatenate([part.columns[name] for part in parts]) for name in names},
+        recordings[0],
+        columns={
+            name: np.concatenate([part.columns[name] for part in recordings]) for name in names
+        },
     )
 
 

@@ -34,11 +34,11 @@ def without_duplicates(recording):
 def duplicate_sentence(name: str, copies: np.ndarray, originals: np.ndarray) -> str:
     """Sentence on duplicates: finding, consequence and action; copies and originals (k,) sample numbers."""
     pairs = [f"{copy} = {original}" for copy, original in zip(copies[:_SHOWN], originals[:_SHOWN])]
-    more = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
+    remainder = f" and {len(copies) - _SHOWN} more" if len(copies) > _SHOWN else ""
     rows = "1 row repeats" if len(copies) == 1 else f"{len(copies)} rows repeat"
     return (
         f"samples.csv of recording '{name}': {rows} the joint readings and the measured values of an earlier row "
-        f"exactly (sample {', '.join(pairs)}{more}); a copy is no further measurement and is counted once; remove "
+        f"exactly (sample {', '.join(pairs)}{remainder}); a copy is no further measurement and is counted once; remove "
         "these rows, or export the measurements again if they were repeated."
     )
 
@@ -46,9 +46,9 @@ def duplicate_sentence(name: str, copies: np.ndarray, originals: np.ndarray) -> 
 def first_of_equal_rows(recording) -> np.ndarray:
     """(n,) index of the first row that each row is a copy of, its own index where it is none."""
     found = first_of_each_key(recording)
-    own = np.arange(recording.n)
-    if (found != own).any() and agree_by_rounding(recording, found):
-        return own
+    row_numbers = np.arange(recording.n)
+    if (found != row_numbers).any() and agree_by_rounding(recording, found):
+        return row_numbers
     return found
 
 

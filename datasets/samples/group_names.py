@@ -26,11 +26,11 @@ def numbered_as(recording: Recording, names: Mapping[str, tuple[str, ...]]) -> R
     """
     columns, new_names = dict(recording.columns), dict(recording.group_names)
     for group, known in names.items():
-        own = recording.group_names.get(group)
-        if own is None or group not in columns:
+        own_names = recording.group_names.get(group)
+        if own_names is None or group not in columns:
             continue
-        every = list(dict.fromkeys([*known, *own]))
-        number = np.array([every.index(name) + 1 for name in own], float)
+        all_names = list(dict.fromkeys([*known, *own_names]))
+        number = np.array([all_names.index(name) + 1 for name in own_names], float)
         columns[group] = number[np.asarray(columns[group], int) - 1]
-        new_names[group] = tuple(every)
+        new_names[group] = tuple(all_names)
     return replace(recording, columns=columns, group_names=new_names)

@@ -25,23 +25,23 @@ def limit_warnings(table: Table, context: Context) -> Iterator[str]:
         if f"limits_{unit}" in joint:
             limits = tuple(joint[f"limits_{unit}"])
             values = table.columns[name]
-            beyond = np.flatnonzero(~within(values, limits))
-            if beyond.size:
-                yield _sentence(table, name, unit, limits, beyond)
+            violations = np.flatnonzero(~is_within(values, limits))
+            if violations.size:
+                yield _sentence(table, name, unit, limits, violations)
 
 
-def within(values: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+def is_within(values: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
     """(n,) True where a reading respects its limits, both in deg or mm."""
     low, high = limits
     return (values >= low - LIMIT_SLACK) & (values <= high + LIMIT_SLACK)
 
 
-def _sentence(table: Table, name: str, unit: str, limits, beyond: np.ndarray) -> str:
+def _sentence(table: Table, name: str, unit: str, limits, violations: np.ndarray) -> str:
     values = table.columns[name]
     low, high = limits
     excess = np.maximum(low - values, values - high)
     worst = int(excess.argmax())
-    rows = "1 reading is" if beyond.size == 1 else f"{beyond.size} readings are"
+    rows = "1 reading is" if violations.size == 1 else f"{violations.size} readings are"
     return (
         f"{table.where(worst, name)}: {rows} beyond the limits of {low:g} to {high:g} {unit} in the robot file, here "
         f"{values[worst]:g} {unit}; the readings are used as they are; {_advice(values, unit, limits)}."
@@ -50,8 +50,8 @@ def _sentence(table: Table, name: str, unit: str, limits, beyond: np.ndarray) ->
 
 def _advice(values: np.ndarray, unit: str, limits) -> str:
     """Recommended check: another sign or unit, if it would bring every reading within the limits."""
-    if within(-values, limits).all():
+    if is_within(-values, limits).all():
         return "with the opposite sign all readings would be within them: check the sign of this column and the limits"
-    if unit == "deg" and np.ptp(values) > 0 and within(np.rad2deg(1) * values, limits).all():
+    if unit == "deg" and np.ptp(values) > 0 and is_within(np.rad2deg(1) * values, limits).all():
         return "as radians all readings would be within them: check the unit of this column and the limits"
     return "correct the limits if they are only nominal, or these readings"

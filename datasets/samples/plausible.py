@@ -54,8 +54,8 @@ def motion_fits_joints(table: Table, context: Context) -> None:
     """
     points, reach = points_of(table), nominal_reach(context.robot)
     names = [c for c in joint_columns(table.columns) if c.endswith("_deg")]
-    outside = context.measures in ("external-point", "external-pose", "partial-pose")
-    if context.small_range or points is None or not outside or not np.isfinite(reach):
+    is_external = context.measures in ("external-point", "external-pose", "partial-pose")
+    if context.small_range or points is None or not is_external or not np.isfinite(reach):
         return
     if len(names) < len(joint_columns(table.columns)):
         return
@@ -86,8 +86,8 @@ def points_are_millimetres(table: Table, context: Context) -> None:
     if context.balls and largest < 1 < min(b[3] for b in context.balls.values()):
         raise _metres(table, largest, "no ball surrounds the sensor's origin")
     reach, moving = nominal_reach(context.robot), _moving(table)
-    outside = context.measures in ("external-point", "external-pose", "partial-pose")
-    if not outside or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
+    is_external = context.measures in ("external-point", "external-pose", "partial-pose")
+    if not is_external or not np.isfinite(reach) or largest > 20 or moving.sum() < 3:
         return
     angles_deg = [
         np.ptp(table.columns[c][moving])
@@ -127,7 +127,7 @@ def balls_keep_their_distance(table: Table, context: Context) -> None:
 def _check_distance(table: Table, context: Context, points, ball, i: int, j: int) -> None:
     measured, nominal = (
         np.linalg.norm(points[i] - points[j]),
-        _apart(context.balls, ball[i], ball[j]),
+        _distances(context.balls, ball[i], ball[j]),
     )
     slack = max(2.0, 0.01 * nominal, 10 * (context.sigma_mm or 0))
     if abs(measured - nominal) > slack:
@@ -139,19 +139,19 @@ def _check_distance(table: Table, context: Context, points, ball, i: int, j: int
         )
 
 
-def _swap(balls: Mapping, measured: float, slack: float, otherwise: str) -> str:
+def _swap(balls: Mapping, measured: float, slack: float, default: str) -> str:
     fits = [
         f"{a} and {b}"
         for a, b in combinations(sorted(balls), 2)
-        if abs(_apart(balls, a, b) - measured) < slack
+        if abs(_distances(balls, a, b) - measured) < slack
     ]
     swapped = (
         f"if these are balls {' or '.join(fits)}, two balls are swapped: correct the column ball"
     )
-    return swapped if fits else otherwise
+    return swapped if fits else default
 
 
-def _apart(balls: Mapping, a: int, b: int) -> float:
+def _distances(balls: Mapping, a: int, b: int) -> float:
     return float(np.linalg.norm(np.subtract(balls[a][:3], balls[b][:3])))
 
 

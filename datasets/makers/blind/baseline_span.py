@@ -19,9 +19,11 @@ _RANK = 1e-7
 def basis(world: World) -> np.ndarray:
     """(3 n, R) orthonormal basis of the measurement changes that a fit of the baseline absorbs, to first order."""
     start = world.arm.geometry
-    still = _at(world, start)
-    columns = [(_at(world, *moved) - still).ravel() for moved in _moves(world, start)]
-    columns += list(_joint_compliances(world, still)) if world.elastic else []
+    points_at_start = _points_at(world, start)
+    columns = [
+        (_points_at(world, *moved) - points_at_start).ravel() for moved in _moves(world, start)
+    ]
+    columns += list(_joint_compliances(world, points_at_start)) if world.elastic else []
     matrix = np.column_stack(columns)
     size = np.linalg.norm(matrix, axis=0)
     u, s, _ = np.linalg.svd(matrix[:, size > 0] / size[size > 0], full_matrices=False)
@@ -39,8 +41,8 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _at(world, geometry, station=None, hand=None, targets=None) -> np.ndarray:
-    flange = poses.forward(geometry, world.angles)
+def _points_at(world, geometry, station=None, hand=None, targets=None) -> np.ndarray:
+    flange = poses.forward_kinematics(geometry, world.angles)
     hand, station = (
         (world.hand if hand is None else hand),
         (world.station if station is None else station),
@@ -78,14 +80,15 @@ def _twists() -> Iterator[np.ndarray]:
         yield twist
 
 
-def _joint_compliances(world, still) -> Iterator[np.ndarray]:
+def _joint_compliances(world, points_at_start) -> Iterator[np.ndarray]:
     """Joint compliance of every joint, which is part of the baseline if the arm is elastic."""
     for k in range(world.joints):
         geometry, angles = world.arm.geometry, world.angles.copy()
         angles[:, k] += _STEP * world.torque[:, k]
         if np.ptp(world.torque[:, k]) < 1e-3:
             continue
-        flange = poses.forward(geometry, angles)
+        flange = poses.forward_kinematics(geometry, angles)
         yield (
-            world.seen(flange, world.hand, world.targets[world.index], world.station) - still
+            world.seen(flange, world.hand, world.targets[world.index], world.station)
+            - points_at_start
         ).ravel()

@@ -59,36 +59,40 @@ def _planted(rng, world: World, question) -> list[Sized] | None:
     base = baseline_span.basis(world)
     found = []
     for name, wanted in zip(question.names, question.sizes):
-        one = question.law(name)(rng, world)
-        if one is None:
+        effect = question.law(name)(rng, world)
+        if effect is None:
             return None
-        within = base if one.effect != "unknown" else uncatalogued.local_basis(world, base, one)
+        base_of_effect = (
+            base if effect.effect != "unknown" else uncatalogued.local_basis(world, base, effect)
+        )
         sign = 1.0 if question.one_sided(name) else float(rng.choice([-1, 1]))
-        at = sized(world, within, one, wanted, sign)
-        if at is None or (not one.fixed and at.orthogonal_sigma < question.least):
+        sized_effect = sized(world, base_of_effect, effect, wanted, sign)
+        if sized_effect is None or (
+            not effect.fixed and sized_effect.orthogonal_sigma < question.min_sigma
+        ):
             return None
-        found.append(at)
+        found.append(sized_effect)
     if len({(s.planted.effect, s.planted.where) for s in found}) < len(found):
         return None
     return found if not world.part.any() or _hidden(world, found[0]) <= _HIDDEN else None
 
 
-def _hidden(world: World, one: Sized) -> float:
+def _hidden(world: World, effect: Sized) -> float:
     """Residual effect in the samples outside the part after a fit to them, relative to the size of the effect."""
     shown = world.only(~world.part)
-    change = world.measured(one.push) - world.clean
+    change = world.measured(effect.push) - world.clean
     remaining = baseline_span.left(baseline_span.basis(shown), change[~world.part])
     return baseline_span.rms(remaining) / baseline_span.rms(change)
 
 
 def _case(rng, suite, index, world: World, question, found) -> Case:
-    push = sum((one.push for one in found), Perturbation())
+    push = sum((effect.push for effect in found), Perturbation())
     exact = world.measured(push)
     points = exact + _noise(rng, world, question.scatter, push)
     columns = _columns(world, points)
-    for one in found:
-        if one.planted.effect == "unit-or-frame":
-            columns = data.garbled(columns, one.planted.detail)
+    for effect in found:
+        if effect.planted.effect == "unit-or-frame":
+            columns = data.garbled(columns, effect.planted.detail)
     order = _order(rng, world, question.shuffled)
     columns = {
         name: column if name == "pose" else column[order]  # poses are numbered as the file has them
@@ -123,7 +127,7 @@ def _truth(suite, index, world, question, found) -> dict:
     return {
         "suite": suite,
         "index": index,
-        "effects": [one.truth() for one in found],
+        "effects": [effect.truth() for effect in found],
         "robot": world.robot["name"],
         "measures": world.measures,
         "samples": world.n,

@@ -27,8 +27,8 @@ def robot(name: str, rng: np.random.Generator) -> dict:
     nominal = tomllib.loads((ROBOTS / f"{name}.toml").read_text(encoding="utf-8"))
     rows = [{key: row[key] for key in _ROW if key in row} for row in nominal["joint"]]
     rows = [
-        row | {"limits_deg": _limits(one)} if _LIMITS in one else row
-        for row, one in zip(rows, nominal["joint"])
+        row | {"limits_deg": _limits(joint)} if _LIMITS in joint else row
+        for row, joint in zip(rows, nominal["joint"])
     ]
     for row, body in zip(rows, _bodies(nominal["joint"], rng)):
         row.update(body)
@@ -64,10 +64,10 @@ def _bodies(rows, rng) -> list[dict]:
     if all("mass_kg" in row for row in rows):
         return [{"mass_kg": row["mass_kg"], "com_mm": row["com_mm"]} for row in rows]
     reach = sum(abs(row["d_mm"]) + abs(row["a_mm"]) for row in rows)
-    whole = 28 * (reach / 1000) ** 1.5 * rng.uniform(0.8, 1.2)  # kg: small arms of this class
+    total_kg = 28 * (reach / 1000) ** 1.5 * rng.uniform(0.8, 1.2)  # kg: small arms of this class
     return [
         {
-            "mass_kg": round(float(whole * share), 3),
+            "mass_kg": round(float(total_kg * share), 3),
             "com_mm": _rounded(_half_way(row) + rng.uniform(-25, 25, 3)),
         }
         for row, share in zip(rows, _SHARES)

@@ -16,8 +16,8 @@ from datasets.makers.mujoco_arm import Arm
 
 def torques(arm: Arm, angles: np.ndarray, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, J) N m of gravity on the joints and (n, J, 2) across the links, of the arm at rest."""
-    still = _settled(arm, angles, np.zeros((*angles.shape, 2)), payload).torque[:, 2:]
-    by_joint = still.reshape(len(angles), arm.joints, 3)
+    static_torque = _settled(arm, angles, np.zeros((*angles.shape, 2)), payload).torque[:, 2:]
+    by_joint = static_torque.reshape(len(angles), arm.joints, 3)
     return by_joint[..., 0], by_joint[..., 1:]
 
 
@@ -38,11 +38,11 @@ def stand(arm: Arm, angles: np.ndarray, payload: np.ndarray, push) -> np.ndarray
 
 def with_compliances(arm: Arm, push) -> Arm:
     """The arm with the push's compliances and tilt of gravity added to its own."""
-    every = np.ones(arm.joints)
+    all_joints = np.ones(arm.joints)
     return replace(
         arm,
-        joint_compliance=arm.joint_compliance * every + push.joint_compliance,
-        link_compliance=arm.link_compliance * every + push.link_compliance,
+        joint_compliance=arm.joint_compliance * all_joints + push.joint_compliance,
+        link_compliance=arm.link_compliance * all_joints + push.link_compliance,
         pedestal_compliance=tuple(np.asarray(arm.pedestal_compliance) + push.pedestal),
         gravity=tuple(np.asarray(arm.gravity) + push.gravity),
     )
@@ -61,7 +61,7 @@ def _settled(arm: Arm, angles, bend, payload):
     return (
         _bent(plain, angles, bend, payload)
         if bend.any()
-        else mujoco_arm.rest(plain, angles, payload_kg=payload)
+        else mujoco_arm.static_equilibria(plain, angles, payload_kg=payload)
     )
 
 
@@ -91,13 +91,15 @@ class Bent(NamedTuple):
     flange: np.ndarray
 
 
-def _run_out(arm: Arm, angles, aside) -> np.ndarray:
+def _run_out(arm: Arm, angles, displacement) -> np.ndarray:
     """(n, 3) mm in the base frame by which axes that stand aside move the flange."""
     moved = np.zeros((len(angles), 3))
-    for k in np.flatnonzero(aside.any(axis=(0, 2))):
-        before = poses.forward(arm.geometry[:k], angles[:, :k]) if k else np.eye(4)[None]
+    for k in np.flatnonzero(displacement.any(axis=(0, 2))):
+        before = poses.forward_kinematics(arm.geometry[:k], angles[:, :k]) if k else np.eye(4)[None]
         moved += np.einsum(
-            "nij,nj->ni", np.broadcast_to(before[:, :3, :3], (len(angles), 3, 3)), aside[:, k]
+            "nij,nj->ni",
+            np.broadcast_to(before[:, :3, :3], (len(angles), 3, 3)),
+            displacement[:, k],
         )
     return moved
 

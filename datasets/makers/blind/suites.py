@@ -15,7 +15,7 @@ SUITES = ("clean", "library", "swallowed", "pairs", "outside", "covariate-withhe
 
 @dataclass(frozen=True)
 class Question:
-    """names, sizes: effects and their RMS per coordinate orthogonal to the baseline, sigma. least: smallest RMS.
+    """names, sizes: effects and their RMS per coordinate orthogonal to the baseline, sigma. min_sigma: smallest RMS.
 
     withheld: kinds of covariates that the file lacks; words: names by which an answer requests them.
     shuffled: the rows are not in order of time.
@@ -25,7 +25,7 @@ class Question:
     sizes: tuple[float, ...] = ()
     requirements: Requirements = Requirements()
     scatter: Scatter = Scatter()
-    least: float = 0.0
+    min_sigma: float = 0.0
     withheld: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     shuffled: bool = False
@@ -88,7 +88,7 @@ def _absorbed(rng, index) -> Question:
     row = library.ROWS[name]
     requirements = replace(row.requirements, split=library.ABSORBED[name], samples=(200, 800))
     return Question(
-        (name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), requirements, least=0.2
+        (name,), (float(np.exp(rng.uniform(np.log(0.5), np.log(4)))),), requirements, min_sigma=0.2
     )
 
 
@@ -108,7 +108,7 @@ def _pairs(rng, index) -> Question:
         samples=(200, 1000),
     )
     sizes = tuple(float(np.exp(rng.uniform(0, np.log(8)))) for _ in range(2))
-    return Question((first, second), sizes, requirements, least=0.5)
+    return Question((first, second), sizes, requirements, min_sigma=0.5)
 
 
 _ALONE = {"unit-or-frame", "encoder-quantisation", "mount-tilt"}
@@ -121,11 +121,13 @@ _ON_JOINTS = (
 )
 
 
-def _outside(rng, index) -> Question:
+def _uncatalogued(rng, index) -> Question:
     """Effects outside the vocabulary."""
     name = list(uncatalogued.CAUSES)[index % len(uncatalogued.CAUSES)]
     requirements = Requirements(need=uncatalogued.CAUSES[name][1], samples=(200, 1000))
-    return Question((name,), (float(np.exp(rng.uniform(0, np.log(8)))),), requirements, least=0.8)
+    return Question(
+        (name,), (float(np.exp(rng.uniform(0, np.log(8)))),), requirements, min_sigma=0.8
+    )
 
 
 def _withheld(rng, index) -> Question:
@@ -140,7 +142,7 @@ def _withheld(rng, index) -> Question:
         (name,),
         (float(np.exp(rng.uniform(0, np.log(8)))),),
         requirements,
-        least=0.8,
+        min_sigma=0.8,
         withheld=gone,
         words=words,
         shuffled=True,
@@ -157,6 +159,6 @@ _ASKED: dict[str, Callable[[np.random.Generator, int], Question]] = {
     "library": _library,
     "swallowed": _absorbed,
     "pairs": _pairs,
-    "outside": _outside,
+    "outside": _uncatalogued,
     "covariate-withheld": _withheld,
 }

@@ -39,14 +39,18 @@ def draw(rng: np.random.Generator, requirements: Requirements) -> World:
     n = int(np.exp(rng.uniform(*np.log(requirements.samples))))
     hand = _hand(rng) if measures == "ball-centre" else np.eye(4)
     balls, reflectors = _balls(rng), _reflectors(rng)
-    within = measuring_poses.limits(robot, nominal.mixing)
+    joint_range = measuring_poses.limits(robot, nominal.mixing)
     if measures == "ball-centre":
-        angles, index, plate = measuring_poses.views(rng, nominal.geometry, within, balls, hand, n)
+        angles, index, plate = measuring_poses.views(
+            rng, nominal.geometry, joint_range, balls, hand, n
+        )
         station, targets = np.linalg.inv(_nudged(rng, plate, 5.0, 1.0)), balls
     else:
         count = len(reflectors)
         angles = np.repeat(
-            measuring_poses.in_sight(rng, nominal.geometry, within, -(-n // count)), count, axis=0
+            measuring_poses.in_sight(rng, nominal.geometry, joint_range, -(-n // count)),
+            count,
+            axis=0,
         )
         index, station, targets = (
             np.tile(np.arange(count), len(angles) // count),
@@ -75,10 +79,10 @@ def _recorded(rng, requirements, drawn: _World) -> World:
     order, part = _parted(rng, drawn, requirements.split)
     readings, index = readings[order], drawn.index[order]
     count = len(drawn.targets) if drawn.measures == "external-point" else 1
-    once = covariates.draw(
+    single_columns = covariates.draw(
         rng, readings[::count], requirements.need, part[::count], requirements.split
     )
-    columns = {name: np.repeat(column, count) for name, column in once.items()}
+    columns = {name: np.repeat(column, count) for name, column in single_columns.items()}
     arm = _built(rng, drawn.nominal)
     if requirements.elastic:
         payload = columns.get("payload_kg", np.zeros(len(readings)))
@@ -132,10 +136,10 @@ def _parted(rng, drawn, split) -> tuple[np.ndarray, np.ndarray]:
 
 def _built(rng, nominal):
     """The arm as built: each number of each row off by a little, beta where axes should be parallel."""
-    off = rng.uniform(-1, 1, nominal.geometry.shape) * [_RAD, _MM, _MM, _RAD, _RAD]
-    off[:, 4] *= np.abs(np.sin(nominal.geometry[:, 3])) < 1e-6
-    off[-1, 4] = 0.0
-    return replace(nominal, geometry=nominal.geometry + off)
+    deviation = rng.uniform(-1, 1, nominal.geometry.shape) * [_RAD, _MM, _MM, _RAD, _RAD]
+    deviation[:, 4] *= np.abs(np.sin(nominal.geometry[:, 3])) < 1e-6
+    deviation[-1, 4] = 0.0
+    return replace(nominal, geometry=nominal.geometry + deviation)
 
 
 def _balls(rng) -> np.ndarray:
@@ -150,10 +154,10 @@ def _reflectors(rng) -> np.ndarray:
     """(R, 3) mm: one to three reflectors on the tool, well off the last axis."""
     count = int(rng.choice([1, 1, 2, 3]))
     azimuth = 2 * np.pi * (np.arange(count) / count + rng.random())
-    off = rng.uniform(50, 130, count)
+    radius = rng.uniform(50, 130, count)
     return np.round(
         np.column_stack(
-            [off * np.cos(azimuth), off * np.sin(azimuth), rng.uniform(20, 160, count)]
+            [radius * np.cos(azimuth), radius * np.sin(azimuth), rng.uniform(20, 160, count)]
         ),
         3,
     )

@@ -64,12 +64,12 @@ class Stream:
 
     @cached_property
     def _small(self) -> Model:
-        return Model(bind(self.robot, self.chunks.each, self.start), self.effects)
+        return Model(bind(self.robot, self.chunks.first_rows, self.start), self.effects)
 
     def models(self) -> Iterator[tuple[slice, Model]]:
         """Which samples, and the model of them; the rows of every target stand before each chunk while it is bound, so
         that all chunks number their targets alike."""
-        first, known = 0, self.chunks.each
+        first, known = 0, self.chunks.first_rows
         for part in self.chunks:
             names = part.columns
             joined_columns = {

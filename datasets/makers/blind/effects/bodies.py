@@ -19,7 +19,7 @@ def joint_compliance(rng, world, joint: int | None = None):
     k = _loaded(rng, np.ptp(world.torque, axis=0)) if joint is None else joint
     if k is None:
         return None
-    most = _MOST_RAD / np.abs(world.torque[:, k]).max()
+    largest = _MOST_RAD / np.abs(world.torque[:, k]).max()
     same = (
         ()
         if np.any(world.payload) or world.arm.tool_mass
@@ -29,8 +29,8 @@ def joint_compliance(rng, world, joint: int | None = None):
         "joint-compliance",
         f"joint-{k + 1}",
         lambda s: Perturbation(joint_compliance=s * np.eye(world.joints)[k]),
-        most / 10,
-        most,
+        largest / 10,
+        largest,
         "rad/(N m)",
         accept=same,
     )
@@ -45,13 +45,13 @@ def link_self_weight(rng, world):
     k = _loaded(rng, np.ptp(torque, axis=0))
     if k is None:
         return None
-    most = _MOST_RAD / np.abs(torque[:, k]).max()
+    largest = _MOST_RAD / np.abs(torque[:, k]).max()
     return PlantedEffect(
         "link-self-weight",
         f"joint-{k + 1}",
         lambda s: Perturbation(joint=on_joint(world, k, s * torque[:, k])),
-        most / 10,
-        most,
+        largest / 10,
+        largest,
         "rad/(N m)",
     )
 
@@ -61,24 +61,24 @@ def link_compliance(rng, world):
     k = _loaded(rng, np.ptp(world.moment, axis=0).max(axis=1) * _long(world))
     if k is None:
         return None
-    most = _MOST_RAD / np.abs(world.moment[:, k]).max()
+    largest = _MOST_RAD / np.abs(world.moment[:, k]).max()
     return PlantedEffect(
         "link-compliance",
         f"link-{k + 1}",
         lambda s: Perturbation(link_compliance=s * np.eye(world.joints)[k]),
-        most / 10,
-        most,
+        largest / 10,
+        largest,
         "rad/(N m)",
     )
 
 
 def pedestal_compliance(rng, world):
     """A pedestal that tilts under the arm, somewhat more one way than the other."""
-    both = rng.uniform(0.6, 1.0, 2)
+    axes = rng.uniform(0.6, 1.0, 2)
     return PlantedEffect(
         "pedestal-compliance",
         "base",
-        lambda s: Perturbation(pedestal=s * both),
+        lambda s: Perturbation(pedestal=s * axes),
         2e-6,
         5e-5,
         "rad/(N m)",
@@ -109,10 +109,15 @@ def axis_run_out(rng, world):
     """Run-out of a joint axis: a radial displacement once per revolution, from an eccentric bearing seat."""
     k = pick(rng, world)
     waves = np.stack([np.cos(world.angles[:, k]), np.sin(world.angles[:, k])])
-    aside = np.zeros((world.n, world.joints, 3))
-    aside[:, k, :2] = waves.T @ rng.normal(0, 1, (2, 2))
+    displacement = np.zeros((world.n, world.joints, 3))
+    displacement[:, k, :2] = waves.T @ rng.normal(0, 1, (2, 2))
     return PlantedEffect(
-        "axis-run-out", f"joint-{k + 1}", lambda s: Perturbation(run_out=s * aside), 0.02, 0.4, "mm"
+        "axis-run-out",
+        f"joint-{k + 1}",
+        lambda s: Perturbation(run_out=s * displacement),
+        0.02,
+        0.4,
+        "mm",
     )
 
 
@@ -138,9 +143,9 @@ def base_drift(rng, world):
 
 def range_scale(rng, world):
     """A sensor with a range error proportional to the distance."""
-    far = world.clean[:, 2]
+    distance = world.clean[:, 2]
     sensed = np.zeros((world.n, 3))
-    sensed[:, 2] = far - 130.0
+    sensed[:, 2] = distance - 130.0
     return PlantedEffect(
         "range-scale", "sensor", lambda s: Perturbation(sensed=s * sensed), 3e-3, 0.04, "mm/mm"
     )
@@ -161,9 +166,14 @@ def ball_position(rng, world):
     """One ball's coordinate on the certificate is wrong."""
     k = int(rng.integers(len(world.targets)))
     way = rng.normal(0, 1, 3)
-    off = np.where((world.index == k)[:, None], way / np.linalg.norm(way), 0.0)
+    displacement = np.where((world.index == k)[:, None], way / np.linalg.norm(way), 0.0)
     return PlantedEffect(
-        "ball-position", f"ball-{k + 1}", lambda s: Perturbation(ball=s * off), 0.1, 1.5, "mm"
+        "ball-position",
+        f"ball-{k + 1}",
+        lambda s: Perturbation(ball=s * displacement),
+        0.1,
+        1.5,
+        "mm",
     )
 
 

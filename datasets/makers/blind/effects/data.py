@@ -11,8 +11,8 @@ def outliers(rng, world):
     count = int(rng.integers(2, max(3, world.n // 50) + 1))
     rows = rng.choice(world.n, count, replace=False)
     way = rng.normal(0, 1, (count, 3))
-    off = np.zeros((world.n, 3))
-    off[rows] = (
+    displacement = np.zeros((world.n, 3))
+    displacement[rows] = (
         way
         / np.linalg.norm(way, axis=1, keepdims=True)
         * rng.uniform(8, 25, (count, 1))
@@ -22,7 +22,7 @@ def outliers(rng, world):
     return PlantedEffect(
         "outliers",
         "samples",
-        lambda s: Perturbation(sensed=s * off),
+        lambda s: Perturbation(sensed=s * displacement),
         1.0,
         1.0,
         "1",

@@ -152,14 +152,14 @@ def reading_lag(rng, world):
         rng.uniform(6, 14, world.joints),
         rng.uniform(2.5, 6, world.joints),
     )  # rad/s^2, rad/s
-    far = np.abs(way)
+    travel = np.abs(way)
     ramp = np.minimum(
-        np.sqrt(far * braking), speed
+        np.sqrt(travel * braking), speed
     )  # the highest speed that each would reach by itself
-    time = np.where(far > 0, far / np.maximum(ramp, 1e-9) + ramp / braking, 0)
+    time = np.where(travel > 0, travel / np.maximum(ramp, 1e-9) + ramp / braking, 0)
     slowest = np.argmax(time, axis=1)
     share = (
-        0.5 * braking[slowest] / np.maximum(far[np.arange(world.n), slowest], 1e-9)
+        0.5 * braking[slowest] / np.maximum(travel[np.arange(world.n), slowest], 1e-9)
     )  # of the way, at t^2 = 1
     left = way * np.where(time.max(1) > 0, share, 0)[:, None] / 5.0
     return PlantedEffect(

@@ -13,7 +13,7 @@ from datasets.makers.blind.world import Perturbation, World
 class PlantedEffect:
     """One effect at one place.
 
-    act: size -> Perturbation. trial: a size that is detectable and still small; most: the largest size on a
+    act: size -> Perturbation. trial: a size that is detectable and still small; max_size: the largest size on a
     real machine. detail: options that an oracle fit needs (order, instant, ...). accept: other
     (effect, where) that are equivalent in these data. places: equivalent places. depends_on:
     covariates of an effect outside the vocabulary, any of which is correct. fixed: the size is not scaled.
@@ -23,7 +23,7 @@ class PlantedEffect:
     where: str
     act: Callable[[float], Perturbation]
     trial: float
-    most: float
+    max_size: float
     unit: str
     detail: Mapping = field(default_factory=dict)
     accept: tuple[tuple[str, str], ...] = ()
@@ -44,18 +44,18 @@ class Sized:
 
     def truth(self) -> dict:
         """Its entry in the truth."""
-        one = self.planted
+        effect = self.planted
         return {
-            "effect": one.effect,
-            "where": one.where,
+            "effect": effect.effect,
+            "where": effect.where,
             "value": self.size,
-            "unit": one.unit,
+            "unit": effect.unit,
             "survives_sigma": self.orthogonal_sigma,
             "survives_share": self.share,
-            "detail": dict(one.detail),
-            "accept": [list(pair) for pair in one.accept],
-            "places": list(one.places),
-            "depends_on": list(one.depends_on),
+            "detail": dict(effect.detail),
+            "accept": [list(pair) for pair in effect.accept],
+            "places": list(effect.places),
+            "depends_on": list(effect.depends_on),
         }
 
 
@@ -63,30 +63,30 @@ _LEAST_SHARE = 2e-3
 
 
 def sized(
-    world: World, base: np.ndarray, one: PlantedEffect, wanted: float, sign: float = 1.0
+    world: World, base: np.ndarray, effect: PlantedEffect, wanted: float, sign: float = 1.0
 ) -> Sized | None:
     """The effect at the size with `wanted` sigma, RMS over coordinates, orthogonal to the baseline.
 
-    None if the baseline absorbs it completely or it has no effect here. The size is at most `most`; the
+    None if the baseline absorbs it completely or it has no effect here. The size is at most `max_size`; the
     orthogonal part is then smaller. sign: 1 or -1.
     """
-    size = one.trial
-    for _ in range(1 if one.fixed else 3):  # a step of the encoder does not grow in proportion
-        found = _at(world, base, one, size)
+    size = effect.trial
+    for _ in range(1 if effect.fixed else 3):  # a step of the encoder does not grow in proportion
+        found = _sized_at(world, base, effect, size)
         if found.share < _LEAST_SHARE or found.orthogonal_sigma <= 0:
             return None
-        if one.fixed or abs(found.orthogonal_sigma / wanted - 1) < 0.02:
+        if effect.fixed or abs(found.orthogonal_sigma / wanted - 1) < 0.02:
             break
-        size = min(size * wanted / found.orthogonal_sigma, one.most)
-    return _at(world, base, one, sign * size)
+        size = min(size * wanted / found.orthogonal_sigma, effect.max_size)
+    return _sized_at(world, base, effect, sign * size)
 
 
-def _at(world, base, one, size) -> Sized:
-    push = one.act(size)
+def _sized_at(world, base, effect, size) -> Sized:
+    push = effect.act(size)
     change = world.measured(push) - world.clean
-    whole = baseline_span.rms(change)
+    total = baseline_span.rms(change)
     if np.any(push.spread):  # an effect on the noise does not change the mean
-        return Sized(one, size, push, float(np.std(push.spread)), 1.0)
+        return Sized(effect, size, push, float(np.std(push.spread)), 1.0)
     remaining = baseline_span.rms(baseline_span.left(base, change))
-    share = remaining / whole if whole > 0 else 0.0
-    return Sized(one, size, push, remaining / world.sigma, share)
+    share = remaining / total if total > 0 else 0.0
+    return Sized(effect, size, push, remaining / world.sigma, share)

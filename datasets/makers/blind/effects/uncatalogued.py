@@ -23,8 +23,8 @@ def hose_on_the_wrist(rng, world):
 
     def length(turned):
         angles = world.angles + on_joint(world, k, np.full(world.n, turned))
-        first = poses.forward(world.arm.geometry[:3], angles[:, :3])
-        last = np.linalg.inv(first) @ poses.forward(world.arm.geometry, angles)
+        first = poses.forward_kinematics(world.arm.geometry[:3], angles[:, :3])
+        last = np.linalg.inv(first) @ poses.forward_kinematics(world.arm.geometry, angles)
         return np.linalg.norm(last[:, :3, :3] @ end + last[:, :3, 3] - start, axis=1)
 
     slack = np.quantile(length(0.0), rng.uniform(0.2, 0.6))
@@ -52,15 +52,15 @@ def loose_bolt(rng, world):
     ]
     able = [
         i
-        for i, (most, share) in enumerate(swing)
-        if most > 0.5 and 0.15 < share < 0.85 and i < 2 * 5
+        for i, (largest, share) in enumerate(swing)
+        if largest > 0.5 and 0.15 < share < 0.85 and i < 2 * 5
     ]
     if not able:
         return None
     k, axis = divmod(int(rng.choice(able)), 2)
     bend = np.zeros((world.n, world.joints, 2))
     bend[:, k, axis] = np.sign(world.moment[:, k, axis])
-    near = (f"link-{k + 1}", f"joint-{k + 1}", f"joint-{k + 2}")
+    places = (f"link-{k + 1}", f"joint-{k + 1}", f"joint-{k + 2}")
     moved = tuple(
         name for j in range(1, world.joints) for name in _named(j, "q", "torque", "moment")
     )
@@ -72,7 +72,7 @@ def loose_bolt(rng, world):
         _MOST_RAD,
         "rad",
         {"cause": "loose bolt"},
-        places=near,
+        places=places,
         depends_on=moved,
     )
 
@@ -120,8 +120,8 @@ def worn_patch(rng, world):
     k = int(rng.integers(world.joints))
     angle = world.angles[:, k]
     wide = rng.uniform(0.06, 0.14) * np.ptp(angle)
-    at = rng.choice(angle)
-    bump = np.exp(-(((angle - at) / wide) ** 2))
+    centre = rng.choice(angle)
+    bump = np.exp(-(((angle - centre) / wide) ** 2))
     return PlantedEffect(
         "unknown",
         f"joint-{k + 1}",
@@ -145,14 +145,14 @@ CAUSES = {
 """Cause -> its law, and the kinds of covariates that must be recorded."""
 
 
-def local_basis(world, base: np.ndarray, one: PlantedEffect) -> np.ndarray:
+def local_basis(world, base: np.ndarray, effect: PlantedEffect) -> np.ndarray:
     """(3 n, R): basis of the baseline and of the named effects at the same or an equivalent place.
 
     The size of a case is that of the part orthogonal to this basis, which no named effect explains.
     """
     pushes = [
         push
-        for where in dict.fromkeys((one.where, *one.places))
+        for where in dict.fromkeys((effect.where, *effect.places))
         for push in _named_at(world, where)
     ]
     columns = [(world.measured(push) - world.clean).ravel() for push in pushes]
