@@ -90,7 +90,7 @@ def radius_error(centre, cloud: Cloud, bend: SurfaceLine, shape, sigma) -> float
     limit = np.deg2rad(INCIDENCE_DEG)
     own = {"sigma": np.hypot(sigma, 0.03) * length, "direction": cloud.error / length}
     own |= {"incidence": limit} | cloud.shared_errors()
-    lit = bend.lit > np.cos(limit)
+    lit = bend.incidence_cosine > np.cos(limit)
     fit = _fitted(straight, cloud.view, lit, None, np.append(centre, RADIUS), own)
     return float(fit.radius - RADIUS)
 
@@ -144,9 +144,9 @@ def test_brightness_law_of_a_surface_is_measured(law):
     planes = light_planes(6, 0.7 * RADIUS, centre[2] - 0.8 * RADIUS)
     _, matt, line, _ = measured(centre, planes, rng, law)
     bend = brightness_law(matt, line[0], line[2]).applied(matt)
-    inside = (matt.lit > 0.55) & (matt.facing > 0.55)
+    inside = (matt.incidence_cosine > 0.55) & (matt.facing > 0.55)
     share = bend.shade[inside] / matt.shade[inside]
-    assert np.abs(share - changes_of(law, matt.lit[inside])).max() < 0.12
+    assert np.abs(share - changes_of(law, matt.incidence_cosine[inside])).max() < 0.12
     assert np.allclose(bend.brightening[inside], share * matt.brightening[inside])
 
 

@@ -68,7 +68,12 @@ def test_what_a_ball_does_to_its_stripes_is_known():
             camera, centre, radius, found.pixels - off * row[:, None], planes, row, light
         )
         off = off + bend.offset / bend.slope
-    near = (bend.lit > 0.5) & np.isfinite(off) & (found.pixels[1] > 100) & (found.pixels[1] < 900)
+    near = (
+        (bend.incidence_cosine > 0.5)
+        & np.isfinite(off)
+        & (found.pixels[1] > 100)
+        & (found.pixels[1] < 900)
+    )
     ratio = found.noise.gain * found.peak / found.noise.variance(found.background)
     line = bend.line_shape(found.width)
     pull = bend.centre_bias(line, found.width, ratio)

@@ -247,7 +247,7 @@ def test_stripes_that_make_no_plane_get_their_sentence(truth, change, words):
 def test_stripes_along_rows_and_along_columns_are_not_mixed(truth):
     stripes = board_stripes(truth)
     with pytest.raises(InputError, match="measured in one direction"):
-        joined([stripes, replace(stripes, along="columns")])
+        joined([stripes, replace(stripes, scan_axis="columns")])
     with pytest.raises(InputError, match="found none"):
         joined([])
 
@@ -435,7 +435,12 @@ def test_a_file_that_is_not_there_and_a_folder_that_cannot_be_written_to(tmp_pat
 
 def test_stripes_of_images_know_their_placement_step_and_angle():
     class Found:
-        frame, pixels, sigma, along = np.array([0, 0, 1]), np.ones((2, 3)), np.full(3, 0.1), "rows"
+        frame, pixels, sigma, scan_axis = (
+            np.array([0, 0, 1]),
+            np.ones((2, 3)),
+            np.full(3, 0.1),
+            "rows",
+        )
         shape = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 
     made = BoardStripes.of(Found, ["a", "b"], [4, 5], [10.0, 20.0], {"time_s": [1, 2]})

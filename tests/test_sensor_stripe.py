@@ -125,7 +125,7 @@ def test_clipped_pixels_are_left_out(peak):
 def test_columns_are_rows_of_the_turned_image():
     truth = centres(2)
     stack = images(light(truth, 75 + 0 * truth))
-    rows, columns = find_stripes(stack), find_stripes(stack.transpose(0, 2, 1), along="columns")
+    rows, columns = find_stripes(stack), find_stripes(stack.transpose(0, 2, 1), scan_axis="columns")
     np.testing.assert_array_equal(rows.centre, columns.centre)
     np.testing.assert_array_equal(rows.pixels[::-1], columns.pixels)
     np.testing.assert_array_equal(rows.pixels, [rows.centre, rows.line])
@@ -269,7 +269,7 @@ def test_a_moved_image_gives_the_moved_line(seed, move):
         ({"stack": np.zeros((1, 40, 5), np.uint8)}, "at least 12 px"),
         ({"stack": np.full((1, 40, 40), np.nan)}, "finite grey values"),
         ({"stack": np.zeros((1, 40, 40), complex)}, "expected uint8, uint16 or float"),
-        ({"along": "diagonal"}, "expected along rows or columns"),
+        ({"scan_axis": "diagonal"}, "expected scan_axis rows or columns"),
         ({"background": np.zeros((40, 41), np.uint8)}, "background"),
         ({"region": np.ones((40, 40))}, "region: expected a bool mask"),
     ],

@@ -150,7 +150,7 @@ class Workspace:
         self.straight = not (p1 or p2)
         self.top = _trimmed(1, k1, k2, k3)
         self.top_slope = _trimmed(2 * k1, 4 * k2, 6 * k3)
-        self.below = _trimmed(1, k4, k5, k6)
+        self.denominator = _trimmed(1, k4, k5, k6)
         self.below_slope = _trimmed(2 * k4, 4 * k5, 6 * k6)
         self.wide = np.empty((2, 2, BLOCK)), np.empty((4, BLOCK))
         self.narrow = np.empty((4, 2, BLOCK), np.float32), np.empty((6, BLOCK), np.float32)
@@ -212,8 +212,8 @@ class Workspace:
         np.multiply(flat, flat, out=gap)
         np.add(gap[0], gap[1], out=r2)
         _horner(self.top, r2, common)
-        if len(self.below) > 1:
-            common /= _horner(self.below, r2, part)
+        if len(self.denominator) > 1:
+            common /= _horner(self.denominator, r2, part)
         if not self.straight:
             common += _mixed(2 * self.p2, 2 * self.p1, flat, part, other)
         np.multiply(flat, common, out=gap)
@@ -254,7 +254,7 @@ class Workspace:
     def _steepness(self, flat, m, r2, steep):
         """Into `steep` twice the slope of the radial factor by r2."""
         _horner(self.top_slope, r2, steep)
-        if len(self.below) == 1:
+        if len(self.denominator) == 1:
             return
         part = self.narrow[1][3, : len(r2)]
         other = self.narrow[1][5, : len(r2)]
@@ -265,7 +265,7 @@ class Workspace:
                 2 * (self.p2 * flat[0] + self.p1 * flat[1])
             )
         steep -= part
-        steep /= _horner(self.below, r2, other)
+        steep /= _horner(self.denominator, r2, other)
 
 
 def _trimmed(*coefficients) -> list[float]:

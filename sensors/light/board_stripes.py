@@ -23,7 +23,7 @@ _FARTHEST = 100  # points
 class BoardStripes:
     """n stripe points: `pixels` (2, n) px, `placement` (n,) text, `step` (n,) int, `sigma` (n,) px.
 
-    `along`: "rows" where a centre was measured along each row of the image, else "columns".
+    `scan_axis`: "rows" where a centre was measured along each row of the image, else "columns".
     `mirror` (n,) rad as commanded, nan where unknown; `covariates` (n,) by column of images.csv; `shape` (2, n) as
     `Stripes.shape`, None where unknown.
     """
@@ -32,7 +32,7 @@ class BoardStripes:
     placement: np.ndarray
     step: np.ndarray
     sigma: np.ndarray
-    along: str = "rows"
+    scan_axis: str = "rows"
     mirror: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
     shape: np.ndarray | None = None
@@ -57,7 +57,7 @@ class BoardStripes:
             np.asarray(placements, str)[frame],
             np.asarray(steps, int)[frame],
             np.asarray(stripes.sigma, float),
-            stripes.along,
+            stripes.scan_axis,
             angles,
             columns,
             stripes.shape,
@@ -70,7 +70,7 @@ class BoardStripes:
     @property
     def scan(self) -> np.ndarray:
         """(2, 1) unit vector of the line in which centres were measured."""
-        return np.array([[1.0], [0.0]]) if self.along == "rows" else np.array([[0.0], [1.0]])
+        return np.array([[1.0], [0.0]]) if self.scan_axis == "rows" else np.array([[0.0], [1.0]])
 
     def at(self, keep: np.ndarray) -> "BoardStripes":
         """Some of them (mask or indices)."""
@@ -105,7 +105,7 @@ class BoardStripes:
 
 def joined(stripe_sets: Sequence[BoardStripes]) -> BoardStripes:
     """Several as one; InputError where there is none, or they were not measured along one and the same direction."""
-    if not stripe_sets or len({part.along for part in stripe_sets}) > 1:
+    if not stripe_sets or len({part.scan_axis for part in stripe_sets}) > 1:
         found = "none" if not stripe_sets else "some along rows and some along columns"
         raise InputError(
             f"stripes on boards: expected stripes measured in one direction, found {found}; "
@@ -126,7 +126,7 @@ def joined(stripe_sets: Sequence[BoardStripes]) -> BoardStripes:
     return BoardStripes(
         np.hstack([part.pixels for part in stripe_sets]),
         *columns,
-        stripe_sets[0].along,
+        stripe_sets[0].scan_axis,
         np.concatenate([part.mirror for part in stripe_sets]) if known else None,
         gather,
         np.hstack([part.shape for part in stripe_sets]) if shaped else None,

@@ -75,8 +75,10 @@ def _without_lines(image: np.ndarray, lines: Lines) -> np.ndarray:
     masked = image.astype(np.float32)
     place = np.arange(image.shape[1])
     for line in np.flatnonzero(hidden.any(1) & ~hidden.all(1)):
-        under = hidden[line] > 0
-        masked[line, under] = np.interp(place[under], place[~under], mean[line, ~under])
+        is_hidden = hidden[line] > 0
+        masked[line, is_hidden] = np.interp(
+            place[is_hidden], place[~is_hidden], mean[line, ~is_hidden]
+        )
     return masked
 
 
@@ -100,8 +102,8 @@ def ambient_bias(
     seen = slice(top, row.max() + _MARGIN + 1), slice(left_column, column.max() + _MARGIN + 1)
     shown = np.stack([image[seen] for image in images])
     rank = int(_QUARTILE * len(images))
-    few = len(images) < _FEWEST_IMAGES
-    scene = shown.mean(0) if few else np.partition(shown, rank, axis=0)[rank]
+    has_few_images = len(images) < _FEWEST_IMAGES
+    scene = shown.mean(0) if has_few_images else np.partition(shown, rank, axis=0)[rank]
     slope = _slope(scene.astype(np.float32), 1 if is_across_columns else 0)
     height, width = scene.shape
     local_slope = slope[

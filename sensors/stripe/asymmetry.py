@@ -16,7 +16,7 @@ _REACH = 4.0  # widths each side of the centre
 _BINS = 32
 _EDGES = np.linspace(-_REACH, _REACH, _BINS + 1)
 PLACES = (_EDGES[1:] + _EDGES[:-1]) / 2
-_NEAR = 0.8  # widths each side within which the mode is read
+_MODE_WIDTHS = 0.8  # widths each side within which the mode is read
 _FEWEST = 8  # images
 _LEAST_STD = 1e-5  # of the peak
 _SIGNIFICANT = 5.0  # standard errors
@@ -35,21 +35,21 @@ class Profiles:
     @classmethod
     def of(cls, stack: np.ndarray, stripes: Stripes, background: np.ndarray | None = None):
         """Of images (F, H, W) and their centres; background (F, H, W): grey values without the laser."""
-        turned = stripes.along == "columns"
+        turned = stripes.scan_axis == "columns"
         images = stack.transpose(0, 2, 1) if turned else stack
-        under = (
+        background_windows = (
             None if background is None else background.transpose(0, 2, 1) if turned else background
         )
         usable = np.flatnonzero(~stripes.saturated & (stripes.peak > 0))
         width = float(np.median(stripes.width[usable])) if usable.size else 1.0
         half = int(np.ceil(_REACH * width)) + 1
         columns = np.rint(stripes.centre[usable]).astype(int)[:, None] + np.arange(-half, half + 1)
-        inside = (columns[:, 0] >= 0) & (columns[:, -1] < images.shape[2])
-        usable, columns = usable[inside], columns[inside]
+        is_inside = (columns[:, 0] >= 0) & (columns[:, -1] < images.shape[2])
+        usable, columns = usable[is_inside], columns[is_inside]
         place = stripes.frame[usable][:, None], stripes.line[usable][:, None], columns
         values = images[place].astype(float)
-        if under is not None:
-            values -= under[place]
+        if background_windows is not None:
+            values -= background_windows[place]
         values -= stripes.background[usable][:, None]
         return cls._binned(values, columns, stripes, usable, len(stack))
 
@@ -70,13 +70,13 @@ class Profiles:
         return cls(sums.reshape(frames, -1), weights.reshape(frames, -1), width)
 
     @classmethod
-    def joined(cls, parts: Iterable["Profiles"]) -> "Profiles":
+    def joined(cls, stacks: Iterable["Profiles"]) -> "Profiles":
         """Those of several stacks as one."""
-        every = list(parts)
+        profiles = list(stacks)
         return cls(
-            np.concatenate([part.sums for part in every]),
-            np.concatenate([part.weights for part in every]),
-            np.concatenate([part.width for part in every]),
+            np.concatenate([part.sums for part in profiles]),
+            np.concatenate([part.weights for part in profiles]),
+            np.concatenate([part.width for part in profiles]),
         )
 
 
@@ -152,7 +152,9 @@ def _ambiguity(sums: np.ndarray, weights: np.ndarray) -> float:
     The mode of g + o is at o'(0), since g'' = -1 there; the centroid at the first moment of o over sqrt(2 pi).
     """
     odd = _odd(sums / weights)
-    near = np.abs(PLACES) < _NEAR
-    slope = (odd[near] @ PLACES[near]) / (PLACES[near] @ PLACES[near])
+    is_near_mode = np.abs(PLACES) < _MODE_WIDTHS
+    slope = (odd[is_near_mode] @ PLACES[is_near_mode]) / (
+        PLACES[is_near_mode] @ PLACES[is_near_mode]
+    )
     moment = (odd @ PLACES) * (_EDGES[1] - _EDGES[0]) / np.sqrt(2 * np.pi)
     return float(moment - slope)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 _DEPTHS = (10, 12, 14, 16)
-_PILE, _LEAST = 3.0, 20
+_PILE, _MIN_COUNT = 3.0, 20
 """A line's height that is cut off piles up in one grey value. Without that the highest value of a line has at most 1.5
 times the pixels of another near it: rounding makes at most three pixels flat where two are at every value below, and a
-parabola has 1.4 times as many within half a step of its top as in the next step; noise makes it less. `_LEAST`: pixels
-that are more than chance, where there are as many values as pixels."""
+parabola has 1.4 times as many within half a step of its top as in the next step; noise makes it less. `_MIN_COUNT`:
+pixels that are more than chance, where there are as many values as pixels."""
 _HIGH = 0.25
 """Part of the images' range, from its upper end, whose values are compared."""
 _COARSE = 16
@@ -46,11 +46,13 @@ class Counts:
         return next(2**bits - 1 for bits in _DEPTHS if self.largest < 2**bits)
 
 
-def clip_level(stack: np.ndarray, saturation: float | None = None, across: int = 2) -> float:
+def clip_level(
+    stack: np.ndarray, saturation: float | None = None, scan_dimension: int = 2
+) -> float:
     """Grey value from which pixels of images (F, H, W) count as clipped.
 
     saturation: full scale where it is known; None takes it from the images. Below that it is
-    their largest value where values pile up there. across: the axis along which lines are searched.
+    their largest value where values pile up there. scan_dimension: the axis along which lines are searched.
     """
     if stack.dtype == np.uint8:
         full = 255
@@ -59,7 +61,7 @@ def clip_level(stack: np.ndarray, saturation: float | None = None, across: int =
     else:
         full = np.inf
     level = float(full if saturation is None else saturation)
-    lines = _some_lines(stack, across)
+    lines = _some_lines(stack, scan_dimension)
     largest = lines.max()
     # only where values pile up in some lines it has to be known whether others have larger ones
     if largest < level and _piles_up(lines, largest) and stack.max() == largest:
@@ -67,9 +69,9 @@ def clip_level(stack: np.ndarray, saturation: float | None = None, across: int =
     return level
 
 
-def _some_lines(stack: np.ndarray, across: int) -> np.ndarray:
+def _some_lines(stack: np.ndarray, scan_dimension: int) -> np.ndarray:
     """(F, n, w) every so-manieth line of all images."""
-    lines = np.moveaxis(stack, across, 2)
+    lines = np.moveaxis(stack, scan_dimension, 2)
     return np.ascontiguousarray(lines[:, :: max(1, lines.shape[0] * lines.shape[1] // _LINES)])
 
 
@@ -77,10 +79,10 @@ def _piles_up(lines: np.ndarray, largest) -> bool:
     """Whether far more pixels have the largest value than have any other one near it."""
     step = Counts.of(lines).step if lines.dtype.kind == "u" else 1
     span = float(largest) - float(np.median(lines[:, ::4, ::4]))
-    if not span >= _COARSE * step or np.count_nonzero(lines == largest) < _LEAST:
+    if not span >= _COARSE * step or np.count_nonzero(lines == largest) < _MIN_COUNT:
         return False
     count = _counts(lines, float(largest) - _HIGH * span, largest)
-    return bool(count[-1] >= _LEAST and count[-1] > _PILE * max(count[:-1], default=0))
+    return bool(count[-1] >= _MIN_COUNT and count[-1] > _PILE * max(count[:-1], default=0))
 
 
 def _counts(lines: np.ndarray, low: float, largest) -> np.ndarray:

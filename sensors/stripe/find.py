@@ -29,7 +29,7 @@ from workbench.core.errors import InputError
 
 BLOCK = 8
 """Images that are worked on at a time, so that they stay in the processor's cache."""
-SOME = 20_000
+NOISE_ROWS = 20_000
 """Rows whose fits tell how noisy all are: chi-square to half a percent."""
 NARROWEST_IMAGE = 12
 
@@ -43,7 +43,7 @@ class Stripes:
     values, the peak above the background; saturated (n,): clipped pixels were left out of the fit;
     flag (n,): sum of `stripe.flags.NAMES`, 0 where nothing speaks against it; others (n,): further
     peaks in the row; pixels (2, n) px, x right and y down; `dropped`: how many were
-    left out, by flag; `noise`: grey values, of one pixel; `along`: "rows" or "columns" that were searched.
+    left out, by flag; `noise`: grey values, of one pixel; `scan_axis`: "rows" or "columns" that were searched.
     """
 
     frame: np.ndarray
@@ -58,7 +58,7 @@ class Stripes:
     others: np.ndarray
     dropped: dict[str, int]
     noise: Noise
-    along: str = "rows"
+    scan_axis: str = "rows"
 
     def __len__(self) -> int:
         return len(self.centre)
@@ -67,7 +67,7 @@ class Stripes:
     def pixels(self) -> np.ndarray:
         """(2, n) px."""
         return np.stack(
-            [self.centre, self.line] if self.along == "rows" else [self.line, self.centre]
+            [self.centre, self.line] if self.scan_axis == "rows" else [self.line, self.centre]
         ).astype(float)
 
     @property
@@ -106,15 +106,21 @@ class Task:
     def rows(self, frames: slice, step: int = 1) -> tuple[Rows, np.ndarray]:
         """Every `step`-th row of some images, and the image (n, width) in which the line is searched."""
         pixels = self._cut(self.stack[frames], step)
-        under = None
+        background_rows = None
         scale = None
         if self.background is not None:
-            below = self.background[frames] if len(self.background) > 1 else self.background
-            under = self._cut(below, step)
+            background_images = (
+                self.background[frames] if len(self.background) > 1 else self.background
+            )
+            background_rows = self._cut(background_images, step)
             scale = self.scale[frames]
         region = None if self.region is None else self._cut(self.region[None], step)[0]
         height = pixels.shape[1]
-        flat = None if under is None else under.reshape(-1, under.shape[2])
+        flat = (
+            None
+            if background_rows is None
+            else background_rows.reshape(-1, background_rows.shape[2])
+        )
         rows = Rows(pixels.reshape(-1, pixels.shape[2]), height, flat, scale, region)
         return rows, rows.searched(self.exposed if step == 1 else None)
 
@@ -133,7 +139,7 @@ class Task:
 
 def find_stripes(
     stack: np.ndarray,
-    along: str = "rows",
+    scan_axis: str = "rows",
     background: np.ndarray | None = None,
     region: np.ndarray | None = None,
     *,
@@ -154,7 +160,7 @@ def find_stripes(
     shows only as a wider line.
     InputError where the stack or what comes with it is not usable.
     """
-    task = _task(stack, along, background, region, saturation)
+    task = _task(stack, scan_axis, background, region, saturation)
     stripes = _gathered(*_fitted(task), task)
     return stripes if flagged else stripes.select(stripes.flag == 0)
 
@@ -164,16 +170,16 @@ def _fitted(task: Task):
     step = max(1, task.height * count // SAMPLE)
     setting, search = first_look(*task.rows(slice(0, count), step), task.saturation)
     starts = range(0, count, BLOCK)
-    parts = [
+    fitted_frames = [
         (first, *_block(*task.rows(slice(first, first + BLOCK)), setting, search))
         for first in starts
     ]
-    stride = max(1, sum(len(fits.row) for _, fits, *_ in parts) // SOME)
-    some = _joined([fits.take(slice(None, None, stride)) for _, fits, *_ in parts])
-    misfit, scale = usual_misfit(some, setting), noise_scale(some, setting)
+    stride = max(1, sum(len(fits.row) for _, fits, *_ in fitted_frames) // NOISE_ROWS)
+    sample = _joined([fits.take(slice(None, None, stride)) for _, fits, *_ in fitted_frames])
+    misfit, scale = usual_misfit(sample, setting), noise_scale(sample, setting)
     noise = replace(setting.noise, read=setting.noise.read * scale)
     parts_of_fits = []
-    for first, fits, count, pull, rows in parts:
+    for first, fits, count, pull, rows in fitted_frames:
         fits.sigma = fits.sigma * scale
         flag = flags(fits, count > 0, rows, task.height, setting, misfit, pull)
         fits.sigma = np.hypot(fits.sigma, pull) if pull.any() else fits.sigma
@@ -190,14 +196,16 @@ def _block(rows: Rows, image: np.ndarray, setting: Setting, search: Search):
     return fits, count, background_bias(rows, fits, setting.noise.read), len(image)
 
 
-def _joined(parts: list[Fits]) -> Fits:
-    return Fits(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fits)))
+def _joined(fit_sets: list[Fits]) -> Fits:
+    return Fits(
+        *(np.concatenate([getattr(part, f.name) for part in fit_sets]) for f in fields(Fits))
+    )
 
 
-def _gathered(parts, noise: Noise, task: Task) -> Stripes:
-    fits = _joined([part[1] for part in parts])
-    frame = np.concatenate([first + part.row // task.height for first, part, *_ in parts])
-    flag, count = (np.concatenate([part[k] for part in parts]) for k in (2, 3))
+def _gathered(fitted_frames, noise: Noise, task: Task) -> Stripes:
+    fits = _joined([part[1] for part in fitted_frames])
+    frame = np.concatenate([first + part.row // task.height for first, part, *_ in fitted_frames])
+    flag, count = (np.concatenate([part[k] for part in fitted_frames]) for k in (2, 3))
     sound = ~((flag & WEAK > 0) & (flag & ALONE > 0))
     often = np.bincount(flag[sound], minlength=256)
     sums = np.arange(256)
@@ -220,16 +228,16 @@ def _gathered(parts, noise: Noise, task: Task) -> Stripes:
     return stripes.select(sound)
 
 
-def exposures(images: np.ndarray, under: np.ndarray) -> np.ndarray:
+def exposures(images: np.ndarray, backgrounds: np.ndarray) -> np.ndarray:
     """(F,) how much brighter images (F, h, w) are exposed than their backgrounds (F or 1, h, w)."""
     noise = pixel_noise(images[0, :: max(1, images[0].size // 24_000)])
-    return exposure_scales(images, under, noise)
+    return exposure_scales(images, backgrounds, noise)
 
 
-def _task(stack, along, background, region, saturation) -> Task:
-    if along not in ("rows", "columns"):
+def _task(stack, scan_axis, background, region, saturation) -> Task:
+    if scan_axis not in ("rows", "columns"):
         raise InputError(
-            f"find_stripes: expected along rows or columns, found {along}; name one of them"
+            f"find_stripes: expected scan_axis rows or columns, found {scan_axis}; name one of them"
         )
     stack = _images(stack, "stack", 3)
     if background is not None:
@@ -248,7 +256,7 @@ def _task(stack, along, background, region, saturation) -> Task:
                 f"region: expected a bool mask of shape {stack.shape[1:]}, found {region.dtype} "
                 f"{region.shape}; draw it on one of the images"
             )
-    transposed = along == "columns"
+    transposed = scan_axis == "columns"
     level = clip_level(stack, saturation, 1 if transposed else 2)
     scale = None if background is None else exposures(stack, background)
     return Task(stack, background, region, transposed, level, scale)

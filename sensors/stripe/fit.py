@@ -18,11 +18,11 @@ from sensors.stripe.profile import (
 from sensors.stripe.rows import Rows, row_max, without_spikes
 
 _STEPS = 4
-_NEAR = 0.15
+_LAST_STEP = 0.15
 """Widths that a step may still move the centre, and parts that it may change the width, to be the last one."""
 _SPREAD = 0.06
 """ln: how far a template's width may be off: 0.2 percent of the centre's sigma."""
-_LOOSE = 0.05
+_WIDTH_SCATTER = 0.05
 """ln: how much widths of neighbouring rows may differ."""
 CANDIDATE = 4.0
 """`strength` from which a brightest pixel is looked at."""
@@ -87,8 +87,8 @@ def fit_rows(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting, 
         hot = calm != column[steep]
         other = steep[hot]
         calm = np.minimum(calm[hot], rows.width - 1)
-        again, hard[other], _ = first_step(rows, row[other], calm, setting)
-        fits.put(other, again)
+        refitted, hard[other], _ = first_step(rows, row[other], calm, setting)
+        fits.put(other, refitted)
     keep = fits.strength > CANDIDATE
     if not keep.all():
         fits, hard = fits.take(keep), hard[keep]
@@ -114,8 +114,8 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
     middle = slice(2 * PHASES, 2 * PHASES + 4)
     if size == 2 * table.half + 1:
         q = table.q[:, middle]
-        back = table.back[:, PHASES // 2].reshape(4, 4)
-        number = np.concatenate([back @ q.T, q.T[1:2]]) @ net.T
+        inverse_r = table.inverse_r[:, PHASES // 2].reshape(4, 4)
+        number = np.concatenate([inverse_r @ q.T, q.T[1:2]]) @ net.T
         fits.strength = number[4]
         fits.background, fits.peak = number[0], number[1]
         _move(fits, slice(None), column.astype(float), table.width, number)
@@ -127,10 +127,10 @@ def first_step(rows: Rows, row: np.ndarray, column: np.ndarray, setting: Setting
                 fits.take(hard), net[hard], raw[hard] >= setting.saturation, start[hard], setting
             ),
         )
-    lit = fits.background
+    expected_light = fits.background
     if setting.noise.gain > 0:
-        lit = lit + 2 * rows.ambient(row, column)
-    quiet = setting.noise.variance(lit)
+        expected_light = expected_light + 2 * rows.ambient(row, column)
+    quiet = setting.noise.variance(expected_light)
     height = np.where(hard, fits.peak, fits.strength) if hard.any() else fits.strength
     fits.strength = height / np.sqrt(quiet)
     return fits, hard, _steep(raw, table.half, 8 * setting.noise.read)
@@ -182,14 +182,14 @@ def _tabulated(rows: Rows, fits: Fits, setting: Setting, todo: np.ndarray) -> np
         if not len(todo):
             break
         level, bins = _bins(rows, fits, setting, todo)
-        again = [np.empty(0, np.intp)]
+        unfinished = [np.empty(0, np.intp)]
         for key in np.flatnonzero(np.bincount(bins)):
-            mine = bins == key
-            place, part = (todo, level) if mine.all() else (todo[mine], level[mine])
-            again.append(
+            is_in_bin = bins == key
+            place, part = (todo, level) if is_in_bin.all() else (todo[is_in_bin], level[is_in_bin])
+            unfinished.append(
                 _step(rows, fits, place, part, bank(int(key) // 8, int(key) % 8), setting, hard)
             )
-        todo = np.concatenate(again)
+        todo = np.concatenate(unfinished)
     return hard
 
 
@@ -202,7 +202,7 @@ def _bins(rows, fits, setting, todo):
     else:
         wide = width_bin(_template(fits, todo, smooth))
     level = fits.background.take(todo)
-    if rows.under is not None and setting.noise.gain > 0:
+    if rows.background is not None and setting.noise.gain > 0:
         level = level + 2 * rows.ambient(fits.row[todo], _column(fits, todo, rows))
     level = setting.noise.variance(level)
     bins = np.full(len(todo), wide * 8)
@@ -217,29 +217,31 @@ def _template(fits, place, smooth):
     if not narrow.any():
         return smooth
     log_width = np.log(np.clip(fits.width[place], NARROWEST, WIDEST)) - smooth
-    return smooth + narrow * log_width * _LOOSE**2 / (_LOOSE**2 + fits.wide[place] ** 2)
+    return smooth + narrow * log_width * _WIDTH_SCATTER**2 / (
+        _WIDTH_SCATTER**2 + fits.wide[place] ** 2
+    )
 
 
 def _column(fits, place, rows):
     return np.clip(np.rint(fits.centre[place]), 0, rows.width - 1).astype(np.intp)
 
 
-def smooth_log_width(fits: Fits, rows: int, typical: float, over: int = 25) -> np.ndarray:
+def smooth_log_width(fits: Fits, rows: int, typical: float, row_count: int = 25) -> np.ndarray:
     """(n,) ln(width), the mean over some rows, weighted by amplitude."""
     import cv2
 
     if not len(fits.row):
         return np.empty(0, np.float32)
-    some = np.sort(fits.peak[::32])
-    strong = np.clip(fits.peak, 1e-3, max(4 * some[len(some) // 2], 1e-3))
+    sorted_peaks = np.sort(fits.peak[::32])
+    strong = np.clip(fits.peak, 1e-3, max(4 * sorted_peaks[len(sorted_peaks) // 2], 1e-3))
     strong = strong * ((fits.strength > 5.5) & ~fits.cut) + np.float32(1e-6)
     basis = np.stack([strong, strong * np.log(np.clip(fits.width, 0.3 * typical, 4 * typical))])
     if len(fits.row) == rows:
-        sums = cv2.blur(basis, (over, 1))
+        sums = cv2.blur(basis, (row_count, 1))
     else:
         weight = np.zeros((2, rows), np.float32)
         weight[:, fits.row] = basis
-        sums = cv2.blur(weight, (over, 1)).take(fits.row, 1)
+        sums = cv2.blur(weight, (row_count, 1)).take(fits.row, 1)
     return sums[1] / sums[0]
 
 
@@ -248,15 +250,15 @@ def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, h
     centre = fits.centre.take(place)
     size = 2 * table.half + 1
     nearest_row = np.rint(centre).astype(np.intp)
-    outside = (nearest_row < table.half) | (nearest_row + table.half >= rows.width)
-    if outside.any():
-        hard[place[outside]] = True
-        inside = ~outside
+    is_outside = (nearest_row < table.half) | (nearest_row + table.half >= rows.width)
+    if is_outside.any():
+        hard[place[is_outside]] = True
+        is_inside = ~is_outside
         place, quiet, nearest_row, centre = (
-            place[inside],
-            quiet[inside],
-            nearest_row[inside],
-            centre[inside],
+            place[is_inside],
+            quiet[is_inside],
+            nearest_row[is_inside],
+            centre[is_inside],
         )
     _, net = rows.windows(fits.row.take(place), nearest_row - table.half, size)
     # single precision keeps what the fit leaves over; q takes a level out of all numbers but the background
@@ -264,16 +266,18 @@ def _step(rows: Rows, fits: Fits, place, quiet, table: Bank, setting: Setting, h
     net -= level
     phase = np.rint((centre - nearest_row + 0.5) * PHASES).astype(np.intp)
     number, match, misfit = _solve(net, phase, table)
-    every = slice(None) if len(place) == len(fits.row) else place
-    shift, change = _move(fits, every, nearest_row + (phase / PHASES - 0.5), table.width, number)
-    fits.background[every] = level + number[0]
-    fits.peak[every] = number[1]
-    fits.strength[every] = match / np.sqrt(quiet)
-    fits.misfit[every] = misfit / (quiet * (size - 4))
-    wide = _uncertain(fits, every, quiet, phase, table, setting.noise)
-    far = np.abs(shift) > _NEAR * table.width
-    far |= np.abs(change) > (_NEAR + 4 * wide if table.even else 0.03 + wide)
-    return place[far]
+    selection = slice(None) if len(place) == len(fits.row) else place
+    shift, change = _move(
+        fits, selection, nearest_row + (phase / PHASES - 0.5), table.width, number
+    )
+    fits.background[selection] = level + number[0]
+    fits.peak[selection] = number[1]
+    fits.strength[selection] = match / np.sqrt(quiet)
+    fits.misfit[selection] = misfit / (quiet * (size - 4))
+    wide = _uncertain(fits, selection, quiet, phase, table, setting.noise)
+    is_unfinished = np.abs(shift) > _LAST_STEP * table.width
+    is_unfinished |= np.abs(change) > (_LAST_STEP + 4 * wide if table.even else 0.03 + wide)
+    return place[is_unfinished]
 
 
 def _solve(net, phase, table: Bank):
@@ -281,17 +285,17 @@ def _solve(net, phase, table: Bank):
 
     `net` is squared in place.
     """
-    at = np.arange(len(net)) * (PHASES + 1) + phase
-    q = np.ascontiguousarray((net @ table.q).reshape(-1, 4).take(at, 0).T)
+    table_index = np.arange(len(net)) * (PHASES + 1) + phase
+    q = np.ascontiguousarray((net @ table.q).reshape(-1, 4).take(table_index, 0).T)
     if table.even:
-        number = table.back[:, PHASES // 2].reshape(4, 4) @ q
+        number = table.inverse_r[:, PHASES // 2].reshape(4, 4) @ q
     else:
-        number = np.einsum("nij,jn->in", table.back.T.reshape(-1, 4, 4).take(phase, 0), q)
+        number = np.einsum("nij,jn->in", table.inverse_r.T.reshape(-1, 4, 4).take(phase, 0), q)
     square = np.square(net, out=net)
     if table.ratio == 0:
         remainder = square @ np.ones(net.shape[1], np.float32)
     else:
-        remainder = (square @ table.weight).reshape(-1).take(at)
+        remainder = (square @ table.weight).reshape(-1).take(table_index)
     return number, q[1] / table.at("detect", phase), np.maximum(remainder - (q * q).sum(0), 0)
 
 

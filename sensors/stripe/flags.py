@@ -82,9 +82,9 @@ def _suspicious(found: Brightest, fits: Fits, limit, setting):
     if not inner.all():
         is_suspicious |= ~inner
         place = np.flatnonzero(inner)
-    around = _cut(found.image, fits.row[place] * width + start[place], size)
+    surroundings = _cut(found.image, fits.row[place] * width + start[place], size)
     for side in (slice(0, length), slice(size - length, size)):
-        is_suspicious[place] |= row_max(around[:, side]) > limit[place]
+        is_suspicious[place] |= row_max(surroundings[:, side]) > limit[place]
     return is_suspicious
 
 
@@ -93,13 +93,13 @@ def _largest_elsewhere(found: Brightest, row, middle, half) -> np.ndarray:
     is_every_row = len(row) == found.pieces.shape[1]
     pieces = found.pieces.copy() if is_every_row else found.pieces.take(row, 1)
     flat, count = pieces.reshape(-1), len(row)
-    every = np.arange(count)
+    columns = np.arange(count)
     first, last = ((middle + side) // found.piece for side in (-half, half))
     first = np.maximum(first, 0)
     last = np.clip(last, 0, len(pieces) - 1)
     lowest = floor(pieces)
     for offset in range(int((last - first).max(initial=0)) + 1):
-        flat[np.minimum(first + offset, last) * count + every] = lowest
+        flat[np.minimum(first + offset, last) * count + columns] = lowest
     return pieces.max(0)
 
 
@@ -129,13 +129,16 @@ def follow(fits: Fits, place: np.ndarray, second: Fits, rows: int, height: int) 
     if not len(place):
         return
     offset = np.r_[-24:0, 1:25]
-    near = np.clip(fits.row[place, None] + offset, 0, rows - 1)
-    same = near // height == fits.row[place, None] // height
+    neighbour_rows = np.clip(fits.row[place, None] + offset, 0, rows - 1)
+    same = neighbour_rows // height == fits.row[place, None] // height
     for _ in range(8):
         line = np.full(rows, np.nan)
         line[fits.row] = fits.centre
         agree = [
-            (same & (np.abs(line[near] - peak[:, None]) < 1 + STEEPEST * np.abs(offset))).sum(1)
+            (
+                same
+                & (np.abs(line[neighbour_rows] - peak[:, None]) < 1 + STEEPEST * np.abs(offset))
+            ).sum(1)
             for peak in (fits.centre[place], second.centre)
         ]
         swap = agree[1] > agree[0]
@@ -153,8 +156,8 @@ def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
     """
     if len(fits.row) < 2:
         return np.zeros(len(fits.row), bool)
-    loose = 0.5 + 4 * np.minimum(fits.sigma, fits.width)
-    linked = _linked(fits.row, fits.centre, loose, height)
+    tolerance = 0.5 + 4 * np.minimum(fits.sigma, fits.width)
+    linked = _linked(fits.row, fits.centre, tolerance, height)
     is_supported = np.zeros(len(fits.row), bool)
     is_supported[1:] = linked
     is_supported[:-1] |= linked
@@ -165,7 +168,7 @@ def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
         linked = _linked(
             fits.row[supported_places],
             fits.centre[supported_places],
-            loose[supported_places],
+            tolerance[supported_places],
             height,
         )
     starts = np.append(0, np.flatnonzero(~linked) + 1)
@@ -175,10 +178,10 @@ def supported(fits: Fits, height: int, sound: np.ndarray) -> np.ndarray:
     return is_supported
 
 
-def _linked(row, centre, loose, height) -> np.ndarray:
+def _linked(row, centre, tolerance, height) -> np.ndarray:
     """(n - 1,) whether a peak continues the line of the one before it, over a gap of at most three rows."""
     step = np.diff(row)
-    linked = np.abs(np.diff(centre)) < loose[1:] + loose[:-1] + STEEPEST * step
+    linked = np.abs(np.diff(centre)) < tolerance[1:] + tolerance[:-1] + STEEPEST * step
     image = row // height
     return linked & (step <= 4) & (image[1:] == image[:-1])
 
@@ -194,8 +197,8 @@ def flags(
     strong: float = STRONG,
 ) -> np.ndarray:
     """(n,) uint8, sums of `NAMES`. `double` (n,); `misfit` as of `usual_misfit`, `pull` as of `background_bias`."""
-    around = smooth_log_width(fits, rows, setting.width, 65)
-    change = (np.log(fits.width) - around) ** 2 / (_WIDTH_CHANGE**2 + (4.5 * fits.wide) ** 2)
+    smooth_width = smooth_log_width(fits, rows, setting.width, 65)
+    change = (np.log(fits.width) - smooth_width) ** 2 / (_WIDTH_CHANGE**2 + (4.5 * fits.wide) ** 2)
     allowed = 1 + 6 * np.sqrt(2 / _freedom(setting)) + 8 * misfit * fits.strength**2
     odd = (
         (change > 1)

@@ -48,12 +48,12 @@ def _fit(rows, fits, setting):
     )
 
 
-def _linear(number, x, clipped, under, setting, ambient):
+def _linear(number, x, clipped, background, setting, ambient):
     b, a, c, log = (v[:, None] for v in number)
     u = (x - c) / np.exp(log)
     g = np.exp(-u * u / 2)
     variance = setting.noise.variance(b + a * g + ambient[:, None])
-    limit = setting.saturation - 2 * np.sqrt(variance) - under
+    limit = setting.saturation - 2 * np.sqrt(variance) - background
     mask = (
         ~clipped
         & ((b + a * g < limit) | ~clipped.any(1)[:, None])
@@ -79,14 +79,14 @@ def _solved(net, basis, weight, number, trust, width):
 
 def _moved(number, answer):
     """The next b, A, c, ln w: steps are held, because far from the answer the linear fit overshoots."""
-    b, a, across, wide = answer.T
+    b, a, displacement, wide = answer.T
     a = np.clip(a, 0.3 * number[1], 3 * number[1])
     width = np.exp(number[3])
     return np.stack(
         [
             b,
             a,
-            number[2] + width * np.clip(across / a, -0.6, 0.6),
+            number[2] + width * np.clip(displacement / a, -0.6, 0.6),
             number[3] + np.clip(wide / a, -0.3, 0.3),
         ]
     )
@@ -112,8 +112,8 @@ def _read(fits, number, net, last, width, setting, ambient):
     return fits
 
 
-def _matched(g, net, inside):
+def _matched(g, net, is_used):
     """(n,) the line's matched filter over its sigma for noise 1; clipped pixels as they are: they are no noise."""
-    count = np.maximum(inside.sum(1, keepdims=True), 1)
-    g = inside * (g - (inside * g).sum(1, keepdims=True) / count)
+    count = np.maximum(is_used.sum(1, keepdims=True), 1)
+    g = is_used * (g - (is_used * g).sum(1, keepdims=True) / count)
     return (g * net).sum(1) / np.sqrt((g * g).sum(1) + 1e-12)

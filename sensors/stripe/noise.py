@@ -40,7 +40,7 @@ def pixel_noise(image: np.ndarray, region: np.ndarray | None = None) -> float:
 
 
 def fitted_noise(
-    squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, least: float
+    squares: np.ndarray, level: np.ndarray, freedom: np.ndarray, min_read_noise: float
 ) -> Noise | None:
     """Read noise and photon gain from squared residuals (n,) of fits, by the level (n,) that the model gives them.
 
@@ -68,13 +68,13 @@ def fitted_noise(
         use *= weight
         scatter = float(use @ square) - 2 * mean * float(use @ x) + mean**2 * use.sum()
         gain = gain if gain > 3 * np.sqrt(2 * scatter) / power else 0.0
-        read = max(first / total - gain * (mean + middle), least**2)
+        read = max(first / total - gain * (mean + middle), min_read_noise**2)
         variance = read + gain * np.maximum(level, 0)
     return Noise(float(np.sqrt(read)), float(gain))
 
 
-def exposure_scales(images: np.ndarray, under: np.ndarray, noise: float) -> np.ndarray:
-    """(F,) how much brighter `images` (F, h, w) are exposed than `under` (F or 1, h, w), their backgrounds.
+def exposure_scales(images: np.ndarray, backgrounds: np.ndarray, noise: float) -> np.ndarray:
+    """(F,) how much brighter `images` (F, h, w) are exposed than `backgrounds` (F or 1, h, w), their backgrounds.
 
     Least squares, the line cut off, of what varies over the image, because a black level is in both,
     whatever the exposure; of the levels themselves where the background is even. 1 where it is too
@@ -83,8 +83,8 @@ def exposure_scales(images: np.ndarray, under: np.ndarray, noise: float) -> np.n
     scales = np.ones(len(images), np.float32)
     scene = None
     for k, image in enumerate(images):
-        if scene is None or len(under) > 1:
-            scene = _Scene.of(_thinned(under[k % len(under)]), noise)
+        if scene is None or len(backgrounds) > 1:
+            scene = _Scene.of(_thinned(backgrounds[k % len(backgrounds)]), noise)
         scales[k] = scene.exposure_scale(_thinned(image), noise)
     return scales
 
@@ -98,36 +98,38 @@ def _thinned(image) -> np.ndarray:
 class _Scene:
     """A background's pixels (n,), less their mean where they are `uneven`: where its level varies more than noise."""
 
-    below: np.ndarray
+    background: np.ndarray
     uneven: bool
 
     @classmethod
-    def of(cls, below: np.ndarray, noise: float) -> "_Scene":
+    def of(cls, background: np.ndarray, noise: float) -> "_Scene":
         """From grey values (n,)."""
-        uneven = bool(noise <= _DARK * np.sqrt(len(below)) * below.std())
-        return cls(below - below.mean() if uneven else below, uneven)
+        uneven = bool(noise <= _DARK * np.sqrt(len(background)) * background.std())
+        return cls(background - background.mean() if uneven else background, uneven)
 
     def exposure_scale(self, light: np.ndarray, noise: float) -> float:
         """Scale of grey values (n,): medians, which are slow, of some pixels find the line, all others count."""
         light = light - light.mean() if self.uneven else light
-        some = slice(None, None, max(1, len(light) // _ROBUST))
-        a = light[some].copy()
-        b = self.below[some].copy()
+        sample = slice(None, None, max(1, len(light) // _ROBUST))
+        a = light[sample].copy()
+        b = self.background[sample].copy()
         use = np.ones(len(a), bool)
         for _ in range(8):
             scale, offset, _ = _line_fit(a, b, use, self.uneven)
-            rest = a - scale * b
-            middle = _median(rest)
-            spread = max(MEDIAN_TO_SIGMA * float(_median(np.abs(rest - middle))), 0.5 * noise, 1e-9)
+            remainder = a - scale * b
+            middle = _median(remainder)
+            spread = max(
+                MEDIAN_TO_SIGMA * float(_median(np.abs(remainder - middle))), 0.5 * noise, 1e-9
+            )
             before = use
-            use = np.abs(rest - middle * self.uneven) < 3 * spread
+            use = np.abs(remainder - middle * self.uneven) < 3 * spread
             if np.array_equal(use, before):
                 break
-        rest = np.float32(scale) * self.below
-        np.subtract(light, rest, out=rest)
-        rest -= np.float32(offset)
-        use = np.abs(rest, out=rest) < np.float32(3 * spread)
-        scale, _, power = _line_fit(light, self.below, use, self.uneven)
+        remainder = np.float32(scale) * self.background
+        np.subtract(light, remainder, out=remainder)
+        remainder -= np.float32(offset)
+        use = np.abs(remainder, out=remainder) < np.float32(3 * spread)
+        scale, _, power = _line_fit(light, self.background, use, self.uneven)
         return scale if noise < _DARK * np.sqrt(power) else 1.0
 
 

@@ -22,7 +22,7 @@ _SCALES = (0.8, 2.0, 5.0)
 _SURE = 7.0
 """Sigma of a filtered row above which its largest value is no noise: 1e-12 a place."""
 
-_ALIKE = 0.8
+_WIDTH_TOLERANCE = 0.8
 """ln: widths that differ from the line's by more belong to something else, and say nothing of the noise next to it."""
 
 
@@ -61,7 +61,7 @@ class Search:
 
 def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Setting, Search]:
     """Settings of the stack that `rows` are a sample of; `image` is where the line is searched."""
-    noise = Noise(max(pixel_noise(*_some(rows)), _finest(rows.pixels)))
+    noise = Noise(max(pixel_noise(*_sampled_rows(rows)), _finest(rows.pixels)))
     found = brightest(image)
     width, search = _search(image, found, noise.read)
     setting = Setting(noise, width, saturation)
@@ -84,7 +84,7 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
     return setting, search
 
 
-def _some(rows: Rows):
+def _sampled_rows(rows: Rows):
     """(n, width) some of the rows, less what is under, not clipped at black by that; and their region or None."""
     row = np.arange(len(rows.pixels))
     if rows.region is not None:
@@ -134,10 +134,10 @@ def pixel_noise_of(enhanced: np.ndarray) -> float:
     return max((high - low) / 1.349, 1e-6)
 
 
-def _learned(rows: Rows, fits: Fits, setting: Setting, least: float) -> Setting:
+def _learned(rows: Rows, fits: Fits, setting: Setting, min_read_noise: float) -> Setting:
     """Typical width and noise from what was fitted; the noise of pixels alone where too little was."""
     width = typical_width(fits)
-    clean = fits.take(~fits.saturated & (np.abs(np.log(fits.width / width)) < _ALIKE))
+    clean = fits.take(~fits.saturated & (np.abs(np.log(fits.width / width)) < _WIDTH_TOLERANCE))
     odd = 1 + 4.5 * np.sqrt(2 / (2 * bank(int(width_bin(np.log(setting.width))), 0).half - 3))
     clean = clean.take(clean.misfit < odd * np.median(clean.misfit)) if len(clean.row) else clean
     clean = clean.take(slice(None, None, max(1, len(clean.row) // 1000)))
@@ -145,7 +145,7 @@ def _learned(rows: Rows, fits: Fits, setting: Setting, least: float) -> Setting:
         residuals(rows, clean.take(width_bin(np.log(clean.width)) == k), bank(k, 0))
         for k in np.unique(width_bin(np.log(clean.width)))
     ]
-    noise = fitted_noise(*np.concatenate(pairs, 1), least) if pairs else None
+    noise = fitted_noise(*np.concatenate(pairs, 1), min_read_noise) if pairs else None
     return Setting(noise or setting.noise, width, setting.saturation)
 
 
@@ -167,8 +167,8 @@ def typical_width(fits: Fits) -> float:
 def residuals(rows: Rows, fits: Fits, table) -> np.ndarray:
     """(3, m): squared residuals of all pixels of the fits' windows, the model's level there, and 1 - leverage."""
     nearest_row = np.rint(fits.centre).astype(np.intp)
-    inside = (nearest_row >= table.half) & (nearest_row + table.half < rows.width)
-    fits, nearest_row = fits.take(inside), nearest_row[inside]
+    is_inside = (nearest_row >= table.half) & (nearest_row + table.half < rows.width)
+    fits, nearest_row = fits.take(is_inside), nearest_row[is_inside]
     size = 2 * table.half + 1
     _, net = rows.windows(fits.row, nearest_row - table.half, size)
     u = (np.arange(size) - table.half - (fits.centre - nearest_row)[:, None]) / fits.width[:, None]

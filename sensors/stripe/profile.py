@@ -45,7 +45,7 @@ class Bank:
     """The four-number fit for starts at `PHASES` + 1 places across a pixel, as tables.
 
     `width` px; `half` px, pixels each side; `ratio` as in `RATIOS`; `q` (pixels, 4 starts)
-    whitened orthonormal basis; `back` (16, starts) upper triangle from those to (b, A, B, C);
+    whitened orthonormal basis; `inverse_r` (16, starts) upper triangle from those to (b, A, B, C);
     `weight` (pixels, starts) of a pixel; `spread`, each (starts,): variance of B ("across") and C
     ("wide") for variance 1 next to the line, what a variance g adds ("across_lit", "wide_lit"), and
     1 sigma of the second whitened number, the line's matched filter, where there is no line
@@ -56,7 +56,7 @@ class Bank:
     ratio: float
     half: int
     q: np.ndarray
-    back: np.ndarray
+    inverse_r: np.ndarray
     weight: np.ndarray
     spread: dict[str, np.ndarray]
     leverage: np.ndarray
@@ -103,12 +103,12 @@ def bank(width: int, ratio: int) -> Bank:
     q, r = np.linalg.qr(root[..., None] * basis)
     sign = np.sign(np.einsum("pii->pi", r))[:, None]
     q = q * sign
-    back = np.linalg.inv(r) * sign
+    inverse_r = np.linalg.inv(r) * sign
     weighted = q * root[..., None]
     table = weighted.transpose(1, 0, 2).reshape(len(pixel), -1)
-    single = [_contiguous(part) for part in (table, back.reshape(-1, 16).T, weight.T)]
+    single = [_contiguous(part) for part in (table, inverse_r.reshape(-1, 16).T, weight.T)]
     leverage = (q**2).sum(-1)
-    return Bank(w, RATIOS[ratio], half, *single, _spread(q, back, root, g), leverage)
+    return Bank(w, RATIOS[ratio], half, *single, _spread(q, inverse_r, root, g), leverage)
 
 
 def _contiguous(values: np.ndarray) -> np.ndarray:
@@ -116,14 +116,14 @@ def _contiguous(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values.astype(np.float32))
 
 
-def _spread(q, back, root, g) -> dict[str, np.ndarray]:
+def _spread(q, inverse_r, root, g) -> dict[str, np.ndarray]:
     """By name, (phases,) how noise of the pixels reaches the detection, the centre and the width of a line.
 
     The entries `..._lit` hold the part that grows with the light of the line.
     """
     detect = (q[..., 1] ** 2 * root**2).sum(1)
     spread = {"detect": np.sqrt(detect)}
-    solution = np.einsum("pij,pwj,pw->ipw", back, q, root)
+    solution = np.einsum("pij,pwj,pw->ipw", inverse_r, q, root)
     for name, row in (("across", solution[2]), ("wide", solution[3])):
         spread[name] = (row**2).sum(-1)
         spread[name + "_lit"] = (row**2 * g).sum(-1)

@@ -19,13 +19,13 @@ _KEPT = 8
 class Rows:
     """Rows (n, width) of one or several images of `height` rows each, one under the other.
 
-    `under` (n or height, width): what to subtract, times `scale` (images,); None for nothing.
+    `background` (n or height, width): what to subtract, times `scale` (images,); None for nothing.
     `region` (height, width) bool: where to search; None for everywhere.
     """
 
     pixels: np.ndarray
     height: int
-    under: np.ndarray | None = None
+    background: np.ndarray | None = None
     scale: np.ndarray | None = None
     region: np.ndarray | None = None
 
@@ -39,37 +39,37 @@ class Rows:
         """Pixels (n, size) of rows (n,) from column start (n,), as recorded and, as float32, less what is under."""
         raw = _cut(self.pixels, row * self.width + start, size)
         net = raw.astype(np.float32)
-        if self.under is not None:
+        if self.background is not None:
             net -= self.ambient_windows(row, start, size)
         return raw, net
 
     def ambient(self, row: np.ndarray, column: np.ndarray) -> np.ndarray | float:
         """(n,) grey values that are subtracted at rows (n,) and columns (n,); 0 where there are none."""
-        if self.under is None:
+        if self.background is None:
             return 0.0
         return self.ambient_windows(row, column, 1)[:, 0]
 
     def ambient_windows(self, row: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
         """(n, size) grey values that are subtracted in windows as `windows` cuts them."""
-        below = self.under_windows(row, start, size)
-        return below * self.scale[row // self.height, None]
+        background = self.under_windows(row, start, size)
+        return background * self.scale[row // self.height, None]
 
     def under_windows(self, row: np.ndarray, start: np.ndarray, size: int) -> np.ndarray:
         """(n, size) pixels of the background image in the windows that `windows` cuts, as recorded."""
-        return _cut(self.under, row % len(self.under) * self.width + start, size)
+        return _cut(self.background, row % len(self.background) * self.width + start, size)
 
     def searched(self, exposures: dict | None = None) -> np.ndarray:
         """(n, width) where the line is searched: less what is under, its least value outside the region.
 
         kept: what is under at some exposures, for further rows of the same background.
         """
-        if self.under is None and self.region is None:
+        if self.background is None and self.region is None:
             return self.pixels
         searched = np.empty_like(self.pixels)
         exposures = {} if exposures is None else exposures
         for k in range(len(self.pixels) // self.height):
             place = slice(k * self.height, (k + 1) * self.height)
-            if self.under is None:
+            if self.background is None:
                 searched[place] = self.pixels[place]
             else:
                 cv2.subtract(self.pixels[place], self._exposed(k, exposures), dst=searched[place])
@@ -81,15 +81,19 @@ class Rows:
         """(height, width) what is under an image at its exposure, to a half of `_EXPOSURE`."""
         scale = float(self.scale[image])
         steps = round(float(self.scale[image]) / _EXPOSURE)
-        if len(self.under) > self.height:
-            below = self.under[image * self.height :][: self.height]
-            near = abs(scale - 1) < _EXPOSURE / 2
-            return below if near else cv2.addWeighted(below, scale, below, 0, 0)
+        if len(self.background) > self.height:
+            background = self.background[image * self.height :][: self.height]
+            is_same_exposure = abs(scale - 1) < _EXPOSURE / 2
+            return (
+                background
+                if is_same_exposure
+                else cv2.addWeighted(background, scale, background, 0, 0)
+            )
         if steps * _EXPOSURE == 1:
-            return self.under
+            return self.background
         exposed = exposures.get(steps)
         if exposed is None:
-            exposed = cv2.addWeighted(self.under, steps * _EXPOSURE, self.under, 0, 0)
+            exposed = cv2.addWeighted(self.background, steps * _EXPOSURE, self.background, 0, 0)
             exposures.update({steps: exposed} if len(exposures) < _KEPT else {})
         return exposed
 
@@ -192,13 +196,13 @@ def without_spikes(
     image: np.ndarray, row: np.ndarray, column: np.ndarray, noise: float
 ) -> np.ndarray:
     """(n,) columns, those on a hot pixel replaced by the next largest pixel of their row that is none."""
-    column, again = column.copy(), np.flatnonzero(spikes(image, row, column, noise))
-    rest = image[row[again]]
-    while len(again):
-        rest[np.arange(len(rest)), column[again]] = floor(rest)
-        column[again] = rest.argmax(1)
-        still = spikes(rest, np.arange(len(rest)), column[again], noise)
-        again, rest = again[still], rest[still]
+    column, spiked = column.copy(), np.flatnonzero(spikes(image, row, column, noise))
+    spiked_rows = image[row[spiked]]
+    while len(spiked):
+        spiked_rows[np.arange(len(spiked_rows)), column[spiked]] = floor(spiked_rows)
+        column[spiked] = spiked_rows.argmax(1)
+        is_spiked = spikes(spiked_rows, np.arange(len(spiked_rows)), column[spiked], noise)
+        spiked, spiked_rows = spiked[is_spiked], spiked_rows[is_spiked]
     return column
 
 
@@ -211,8 +215,8 @@ def _piece(width: int) -> int | None:
 def _divisible(image):
     if _piece(image.shape[1]):
         return np.ascontiguousarray(image)
-    lacking = -image.shape[1] % SEGMENT
-    return np.ascontiguousarray(np.pad(image, ((0, 0), (0, lacking)), constant_values=image.min()))
+    padding = -image.shape[1] % SEGMENT
+    return np.ascontiguousarray(np.pad(image, ((0, 0), (0, padding)), constant_values=image.min()))
 
 
 def without_hot(image: np.ndarray) -> np.ndarray:
@@ -226,11 +230,11 @@ def lines_enhanced(image: np.ndarray, width: float) -> np.ndarray:
 
     2.8 Gaussian widths is the stretch with the largest ratio of a Gaussian's mean to its noise.
     """
-    near = 2 * int(round(1.4 * width - 0.5)) + 1
-    far = 3 * near + 4
+    inner_size = 2 * int(round(1.4 * width - 0.5)) + 1
+    outer_size = 3 * inner_size + 4
     image = image.astype(np.float32, copy=False)
-    inner = cv2.blur(image, (near, 1))
-    outer = cv2.blur(image, (far, 1))
+    inner = cv2.blur(image, (inner_size, 1))
+    outer = cv2.blur(image, (outer_size, 1))
     inner -= outer
-    inner *= far / (far - near)
+    inner *= outer_size / (outer_size - inner_size)
     return inner

@@ -56,7 +56,7 @@ def second_line(profiles: Profiles) -> SecondLine | None:
     target, std = side * odd[_POSITIVE], std[_POSITIVE]
 
     def residual(values):
-        return _apart((target - _odd_profile(*values)[0]) / std, std)
+        return _difference_over_std((target - _odd_profile(*values)[0]) / std, std)
 
     bounds = ([0.0, 0.1], [_LARGEST_SHARE, _FARTHEST])
     fits = [least_squares(residual, start, bounds=bounds, x_scale=(0.1, 1.0)) for start in _STARTS]
@@ -71,12 +71,12 @@ def second_line(profiles: Profiles) -> SecondLine | None:
     to_px = width_px / width
     share, offset = best.x
     deviations = np.sqrt(np.diag(covariance)) * np.array([1.0, to_px])
-    at = side * to_px
+    px_scale = side * to_px
     return SecondLine(
         float(share),
-        float(at * offset),
+        float(px_scale * offset),
         deviations,
-        float(at * shift),
+        float(px_scale * shift),
         float(expit(-criterion / 2)),
     )
 
@@ -88,8 +88,8 @@ def _asymmetric_beam(target: np.ndarray, std: np.ndarray) -> tuple[float, int]:
     fifth = (x**5 - 10 * x**3 + 15 * x) * _NORMAL
     best = (np.inf, 0)
     for columns in ([third], [third, fifth]):
-        rows = np.stack([_apart(column / std, std) for column in columns], axis=1)
-        goal = _apart(target / std, std)
+        rows = np.stack([_difference_over_std(column / std, std) for column in columns], axis=1)
+        goal = _difference_over_std(target / std, std)
         left = goal - rows @ np.linalg.lstsq(rows, goal, rcond=None)[0]
         squares = float(left @ left)
         penalty = len(columns) * np.log(len(target))
@@ -98,7 +98,7 @@ def _asymmetric_beam(target: np.ndarray, std: np.ndarray) -> tuple[float, int]:
     return best
 
 
-def _apart(values: np.ndarray, std: np.ndarray) -> np.ndarray:
+def _difference_over_std(values: np.ndarray, std: np.ndarray) -> np.ndarray:
     """Values (k,) over std without what another definition of the centre makes: the derivative of the line."""
     slope = PLACES[_POSITIVE] * _NORMAL / std
     return values - slope * (slope @ values) / (slope @ slope)
@@ -120,8 +120,8 @@ def _odd_profile(share: float, offset: float) -> tuple[np.ndarray, float, float]
     width = abs(width)
 
     def at(place):
-        here = centre + width * place
-        return np.exp(-0.5 * here**2) + share * np.exp(-0.5 * (here - offset) ** 2)
+        position = centre + width * place
+        return np.exp(-0.5 * position**2) + share * np.exp(-0.5 * (position - offset) ** 2)
 
     places = PLACES[_POSITIVE]
     return (at(places) - at(-places)) / (2 * peak), float(width), float(centre)

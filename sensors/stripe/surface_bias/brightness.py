@@ -38,7 +38,7 @@ class Brightness:
 
     def applied(self, bend: SurfaceLine) -> SurfaceLine:
         """A bend whose changes of brightness are those of a matt surface, with those of this surface."""
-        share = self.exponent + self.gloss * bend.lit
+        share = self.exponent + self.gloss * bend.incidence_cosine
         return replace(bend, shade=bend.shade * share, brightening=bend.brightening * share)
 
 
@@ -50,10 +50,10 @@ def brightness_law(bend: SurfaceLine, width: np.ndarray, peak: np.ndarray) -> Br
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         light = np.log(width * peak * np.abs(bend.slope))
-    usable = np.isfinite(light) & (bend.lit > SMOOTH) & (bend.facing > SMOOTH)
-    if usable.sum() < _FEWEST or not np.ptp(bend.lit[usable]) > 0:
+    usable = np.isfinite(light) & (bend.incidence_cosine > SMOOTH) & (bend.facing > SMOOTH)
+    if usable.sum() < _FEWEST or not np.ptp(bend.incidence_cosine[usable]) > 0:
         return Brightness()
-    cosine = bend.lit[usable]
+    cosine = bend.incidence_cosine[usable]
     rows = np.stack([np.ones(usable.sum()), np.log(cosine), cosine - 1])
     level = light[usable] - rows[1]  # beyond a matt surface
     precision = np.array([0.0, *_SURFACES_VARY**-2.0])

@@ -11,7 +11,7 @@ import numpy as np
 from sensors.state import stripe_direction
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 
-_FAR = 1e6  # mm
+_DISTANT_MM = 1e6  # mm
 _DARK = 0.2  # of the brightest, below which blur and shadow fill what is measured
 _FEWEST = 60
 _ROUNDS = 5
@@ -26,8 +26,8 @@ def light_on_ball(plane: np.ndarray, outward: np.ndarray, flux: np.ndarray) -> n
     outward (3, n) unit normals of the ball at points of the plane's stripes; flux (n,) light per area there, of any
     unit.
     """
-    along = stripe_direction(plane[:, None])[:, 0]
-    axes = np.stack([along, np.cross(plane[:3], along)])
+    stripe_axis = stripe_direction(plane[:, None])[:, 0]
+    axes = np.stack([stripe_axis, np.cross(plane[:3], stripe_axis)])
     rows = axes @ outward
     usable = np.isfinite(rows).all(0) & np.isfinite(flux) & (flux > 0)
     direction = None
@@ -44,4 +44,4 @@ def light_on_ball(plane: np.ndarray, outward: np.ndarray, flux: np.ndarray) -> n
         usable = (predicted > _DARK * np.linalg.norm(direction)) & (np.abs(misfit) <= 3 * scale)
     if usable.sum() < _FEWEST or misfit[usable].std() > _MATT * flux[usable].mean():
         return None
-    return _FAR * (direction @ axes) / np.linalg.norm(direction)
+    return _DISTANT_MM * (direction @ axes) / np.linalg.norm(direction)

@@ -47,16 +47,16 @@ _NO_WIDER = 0.01  # relative deviation of width^2 below which all lines count al
 @dataclass(frozen=True)
 class SurfaceLine:
     """A surface's part in each of n stripe points: `slope` f1 (n,) mm/px, `bend` f2 (n,) mm/px^2, `shade` l (n,) 1/px;
-    `lit` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `facing` (n,) cosine
-    between surface normal and line of sight; `offset` (n,) mm from the middle of the light plane. Along the line:
-    `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a and `brightening` (n,) 1/px of
+    `incidence_cosine` (n,) cosine of the light's incidence, 1 where it is unknown where the light comes from; `facing`
+    (n,) cosine between surface normal and line of sight; `offset` (n,) mm from the middle of the light plane. Along the
+    line: `tilt` c' (n,), `curve` c'' (n,) 1/px, `widening` (n,) 1/px derivative of ln a and `brightening` (n,) 1/px of
     the logarithm of that cosine.
     """
 
     slope: np.ndarray
     bend: np.ndarray
     shade: np.ndarray
-    lit: np.ndarray
+    incidence_cosine: np.ndarray
     facing: np.ndarray
     offset: np.ndarray
     tilt: np.ndarray
@@ -72,8 +72,8 @@ class SurfaceLine:
         square = (line.plane_width_mm / self.slope) ** 2
         fitted = weighting(ratio)
         counted = fitted * np.minimum(square / width**2, 1.0)
-        across = square * (self.shade - self.bend / self.slope * (3 - counted))
-        return across + self._along(line.blur_px**2, square, fitted / width**2)
+        scan_bias = square * (self.shade - self.bend / self.slope * (3 - counted))
+        return scan_bias + self._blur_along_line(line.blur_px**2, square, fitted / width**2)
 
     def width_square(self, line: "LineShape") -> np.ndarray:
         """(n,) px^2 of the lines' widths: (plane width / slope)^2 + blur^2 (1 + tilt^2)."""
@@ -84,7 +84,9 @@ class SurfaceLine:
         """(2, n) derivative of a squared width by those of the light plane and of the blur."""
         return np.stack([self.slope**-2, 1 + self.tilt**2])
 
-    def _along(self, blur: np.ndarray, square: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    def _blur_along_line(
+        self, blur: np.ndarray, square: np.ndarray, counted: np.ndarray
+    ) -> np.ndarray:
         """(n,) px by blur of the variance `blur` (px^2) along the line; `square` a^2, `counted` q / w^2."""
         mean = blur * (self.curve / 2 + self.tilt * (self.widening + self.brightening))
         moment = self.tilt * 2 * square * self.widening + self.tilt**2 * self.curve * blur
@@ -107,7 +109,7 @@ class SurfaceLine:
         square = np.asarray(width, float) ** 2
         shape = self._by_shape
         usable = np.isfinite(shape).all(0) & np.isfinite(square) & (square > 0)
-        usable &= (self.lit > SMOOTH) & (self.facing > SMOOTH)
+        usable &= (self.incidence_cosine > SMOOTH) & (self.facing > SMOOTH)
         if usable.sum() < _FEWEST_WIDTHS:
             if known is None:
                 return LineShape(0.0, 0.0), np.zeros((2, 2))
@@ -165,10 +167,10 @@ def line_on_ball(
     """
 
     def surface(rays):
-        along = centre @ rays
+        axial = centre @ rays
         with np.errstate(invalid="ignore"):
             points = rays * (
-                along - np.sqrt(radius**2 - ((rays * along - centre[:, None]) ** 2).sum(0))
+                axial - np.sqrt(radius**2 - ((rays * axial - centre[:, None]) ** 2).sum(0))
             )
         return points, (points - centre[:, None]) / radius
 
@@ -195,10 +197,10 @@ def line_on_boards(
 
 def _bend(camera, surface, pixels, planes, scan, light):
     """Difference quotients over the 3 x 3 places (scan line, line) about each pixel."""
-    along = np.array([scan[1], scan[0]])
+    line_axis = np.array([scan[1], scan[0]])
 
-    def at(across, offset):
-        places = pixels + _STEP * (across * scan + offset * along)[:, None]
+    def at(scan_steps, offset):
+        places = pixels + _STEP * (scan_steps * scan + offset * line_axis)[:, None]
         return _seen(surface, camera.rays(places), planes, light)
 
     middle = at(0, 0)
@@ -206,20 +208,22 @@ def _bend(camera, surface, pixels, planes, scan, light):
     mixed = at(1, 1) - at(1, -1) - at(-1, 1) + at(-1, -1)
     by_scan = (high - low) / (2 * _STEP)
     by_line = (after - before) / (2 * _STEP)
-    twice, twice_line = ((ends - 2 * middle)[0] / _STEP**2 for ends in (high + low, after + before))
+    second, second_along_line = (
+        (ends - 2 * middle)[0] / _STEP**2 for ends in (high + low, after + before)
+    )
     slope = by_scan[0]
     crossed = mixed[0] / (4 * _STEP**2)
     tilt = -by_line[0] / slope
     return SurfaceLine(
         slope,
-        twice / 2,
+        second / 2,
         by_scan[1],
         np.exp(middle[1]),
         middle[2],
         middle[0],
         tilt,
-        -(twice_line + 2 * crossed * tilt + twice * tilt**2) / slope,
-        -(crossed + twice * tilt) / slope,
+        -(second_along_line + 2 * crossed * tilt + second * tilt**2) / slope,
+        -(crossed + second * tilt) / slope,
         by_line[1] + by_scan[1] * tilt,
     )
 
@@ -232,8 +236,8 @@ def _seen(surface, rays, planes, light):
     facing = -(points * normals).sum(0) / np.sqrt((points**2).sum(0))
     if light is None:
         return np.stack([distance, 0 * distance, facing])
-    towards = light[:, None] - points
-    cosine = (towards * normals).sum(0) / np.sqrt((towards**2).sum(0))
+    to_light = light[:, None] - points
+    cosine = (to_light * normals).sum(0) / np.sqrt((to_light**2).sum(0))
     return np.stack([distance, np.log(np.maximum(cosine, _STEEPEST)), facing])
 
 

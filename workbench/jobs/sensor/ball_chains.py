@@ -145,7 +145,7 @@ def _arc(scanner, seen, shape, points, fit, radius, number, light) -> _Arc | Non
         / np.linalg.norm(outward, axis=0)
         / np.linalg.norm(points[:, is_usable], axis=0)
     )
-    good = (bend.lit > _STEEP) & (facing > _STEEP)
+    good = (bend.incidence_cosine > _STEEP) & (facing > _STEEP)
     if good.sum() < _FEWEST:
         return None
     straight = pixels - scanner.scan[:, None] * pull

@@ -268,17 +268,17 @@ class _Work:
         seen."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
-        stripe_sets, flaws, dropped, first = [], [], Counter(), 0
+        stripe_sets, flaws, scene, dropped, first = [], [], [], Counter(), 0
         shown = set(chosen_images(len(paths)).tolist())
-        scene = []
+        is_row_scan = self.scan_axis == "rows"
         for stack in stacks(paths, _FRAMES, called.get):
             flaws += [unlit(frame) for frame in stack]
-            found = find_stripes(stack, self.along, saturation=self.saturation)
+            found = find_stripes(stack, self.scan_axis, saturation=self.saturation)
             for k, image in enumerate(stack):
                 if first + k in shown:
                     is_of_frame = found.frame == k
                     lines = Lines(
-                        found.pixels[:, is_of_frame], found.width[is_of_frame], self.along == "rows"
+                        found.pixels[:, is_of_frame], found.width[is_of_frame], is_row_scan
                     )
                     scene.append(scene_of(image, len(shown), lines))
             line = np.vstack([found.shape, found.peak])
@@ -289,8 +289,8 @@ class _Work:
             np.concatenate([part[k] for part in stripe_sets], axis=-1) for k in range(4)
         )
         if self.motions.of(rows) is None:
-            scan = 0 if self.along == "rows" else 1
-            pixels[scan] -= ambient_bias(scene, pixels, shape, scan == 0)
+            scan = 0 if is_row_scan else 1
+            pixels[scan] -= ambient_bias(scene, pixels, shape, is_row_scan)
         names = recorded_columns(rows)
         covariates = {name: np.array([row[name] for row in rows], float)[frame] for name in names}
         steps = np.array([int(row.get("step", 0)) for row in rows])[frame]
@@ -298,7 +298,7 @@ class _Work:
         return pixels, steps, frame, sigma, shape, covariates, dict(dropped), lost
 
     @property
-    def along(self) -> str:
+    def scan_axis(self) -> str:
         """In which direction a centre is sought, as on the boards."""
         return "rows" if abs(self.scanner.scan[0]) >= abs(self.scanner.scan[1]) else "columns"
 
@@ -368,7 +368,7 @@ class _Work:
         moves = cloud.error * pull.derivative[:, None]
         columns_of_ball["shared"] = columns_of_ball["shared"].with_common(moves, pull.covariance)
         straight = cloud.points - cloud.error * pull.size
-        is_lit = pull.bend.lit > np.cos(columns_of_ball["incidence"])
+        is_lit = pull.bend.incidence_cosine > np.cos(columns_of_ball["incidence"])
         fit = _fitted(straight, cloud.view, is_lit, radius, start, columns_of_ball)
         if fit and len(fit.reason) == len(is_lit):
             fit = with_radius_variance(fit, cloud.common_radius_variance(fit))

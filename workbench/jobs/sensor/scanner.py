@@ -215,11 +215,11 @@ def _direction(recording, usable, board, saturation) -> str:
 @dataclass(frozen=True)
 class _Work:
     """Processing of the laser images of one board pose: their stripes, images in which no line can be seen, and
-    profiles of the line; `along` and `saturation` as in `find_stripes`."""
+    profiles of the line; `scan_axis` and `saturation` as in `find_stripes`."""
 
     recording: Recording
     board: Board
-    along: str
+    scan_axis: str
     saturation: float | None = None
 
     def __call__(
@@ -254,7 +254,7 @@ class _Work:
             if lit_indices:
                 found = find_stripes(
                     stack[lit_indices],
-                    self.along,
+                    self.scan_axis,
                     background=background,
                     region=region,
                     saturation=self.saturation,
