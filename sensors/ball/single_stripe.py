@@ -57,8 +57,12 @@ def most_probable_ball(ratios: np.ndarray) -> Choice:
     variance = _GRAIN * scatter**2
     deviation = np.clip(ratios - offset[:, None], -_CLIPPED * scatter, _CLIPPED * scatter)
     deviation[np.isnan(deviation)] = _CLIPPED * scatter
-    least = int(np.argmin(scatters))
-    independent = _lasting(ratios[least]) * scatter**2 if np.isfinite(scatters[least]) else variance
+    most_probable = int(np.argmin(scatters))
+    independent = (
+        _lasting(ratios[most_probable]) * scatter**2
+        if np.isfinite(scatters[most_probable])
+        else variance
+    )
     square = _common(offset, ratios, independent) + (deviation**2).sum(1) / independent
     order = np.argsort(square)
     best = int(order[0])
@@ -105,10 +109,10 @@ def _lasting(row) -> float:
     The variance of an integrated autocorrelation time t of n values is t^2 2 (2 t + 1) / n (Madras & Sokal, Journal of
     Statistical Physics 50, 1988, with a window of t).
     """
-    rest = _without_parabola(row)
-    limit = _CLIPPED * MEDIAN_TO_SIGMA * float(np.median(np.abs(rest)))
-    time = memory(np.clip(rest, -limit, limit))
-    return min(time * (1 + 2 * np.sqrt(2 * (2 * time + 1) / len(rest))), _GRAIN)
+    residual = _without_parabola(row)
+    limit = _CLIPPED * MEDIAN_TO_SIGMA * float(np.median(np.abs(residual)))
+    time = memory(np.clip(residual, -limit, limit))
+    return min(time * (1 + 2 * np.sqrt(2 * (2 * time + 1) / len(residual))), _GRAIN)
 
 
 def _bent(deviation: np.ndarray) -> float:
