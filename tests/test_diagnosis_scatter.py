@@ -16,6 +16,8 @@ from workbench.diagnosis.noise.random_effects import (
     LABEL,
     _constant_shape_likelihood,
     _direction_likelihood,
+    _occasional_gains,
+    _shape_of_noise,
     find_random_effect,
     unrecorded,
 )
@@ -184,3 +186,21 @@ def test_a_joint_that_moves_in_some_samples_is_no_noise():
         ("unknown", "joint-2")
     ]
     assert made.verdict == UNEXPLAINED
+
+
+def test_noise_of_another_size_in_some_coordinates_hides_no_joint_that_moves_at_times():
+    """Poses: the rotations' sigma is seldom known as well as the positions'."""
+    rng, n = np.random.default_rng(8), 150
+    rows = rng.normal(size=(6, n))
+    site = SimpleNamespace(rows=rows.reshape(1, -1), typical=np.ones(1))
+    other = SimpleNamespace(rows=rng.normal(size=(1, 6 * n)), typical=np.ones(1))
+    scale = np.array([[1.0], [1.0], [1.0], [5.0], [5.0], [5.0]])
+    noise, moved = scale * rng.normal(size=(6, n)), rng.random(n) < 0.12
+    share = np.ones(n)
+
+    def gains(residual):
+        return _occasional_gains([site, other], residual, _shape_of_noise(residual, share), share)
+
+    assert max(gains(noise)) < 5
+    found = gains(noise + 6 * rows * moved)
+    assert found[0] > 15 and found[1] < 5

@@ -90,9 +90,8 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     share = 1.0 / np.bincount(pose)[pose]
     scores = np.array([_score(_tensor(site, m), z, pose) for site in sites])
     gains = np.array([_direction_likelihood(site, z, share) for site in sites])
-    occasional = np.array([_occasional_likelihood(site, residual, share) for site in sites])
-    of_noise = _constant_shape_likelihood(z, share)
-    gains, occasional = gains - of_noise, occasional - of_noise
+    gains -= _constant_shape_likelihood(z, share)
+    occasional = _occasional_gains(sites, residual, _shape_of_noise(z, share), share)
     by_score = float(norm.sf(scores.max()))
     by_direction = _TRIED * float(np.exp(-max(gains.max(), 0.0)))
     by_some = float(np.exp(-max(occasional.max(), 0.0)))
@@ -234,26 +233,42 @@ def _direction_likelihood(site, z, share) -> float:
     return float((-0.5 * logs @ share).max())
 
 
-def _occasional_likelihood(site, residual, share) -> float:
-    """As `_direction_likelihood`, of residuals (m, n) of which only some contain what a site does by chance.
+def _occasional_gains(sites, residual, shape, share) -> np.ndarray:
+    """(S,) log likelihood ratio of the directions of residuals (m, n), some of which contain a site's movement.
 
-    A sample that lies farther off than noise is as likely one of them as not, and then far off along what the site does
-    there, by its own length; the others have any direction. Which samples lie far off says nothing of their directions,
-    so that the likelihood of these alone is compared.
+    Against noise of the shape (m, m), which is made isotropic. A sample that lies farther off than noise is as likely
+    one of them as not, and then far off along what the site does there, by its own length; the others have any
+    direction. Which samples lie far off says nothing of their directions, so that the ratio of these alone is a valid
+    one over a p-value, but for the estimate of the shape, which is the likelier for what is far off.
     """
     m = len(residual)
+    values, vectors = symmetric_eigen(shape)
+    white = vectors / np.sqrt(values) @ vectors.T
+    residual = white @ residual
     length = lengths(residual)
     far = np.flatnonzero(length > FULL_WEIGHT)
-    values, vectors = symmetric_eigen(_relative_covariance(site, m)[far])
-    widths = 1 + np.maximum(values, 0.0) * np.maximum(length[far] ** 2 - m, 0.0)[:, None]
-    squares = np.einsum("nab,an->nb", vectors, _unit(residual[:, far])) ** 2
-    moved = -0.5 * (np.log(widths).sum(1) + m * np.log((squares / widths).sum(1)))
-    return float(share[far] @ np.logaddexp(np.log(0.5), np.log(0.5) + moved))
+    excess = np.maximum(length[far] ** 2 - m, 0.0)
+    unit = _unit(residual[:, far])
+    logs = [
+        _moved_likelihood(_relative_covariance(site, white)[far], unit, excess) for site in sites
+    ]
+    return np.logaddexp(np.log(0.5), np.log(0.5) + np.array(logs)) @ share[far]
 
 
-def _relative_covariance(site, m: int) -> np.ndarray:
-    """(n, m, m) covariance of what a site does by chance at each sample, over its trace."""
-    d = _directions(site, m)
+def _moved_likelihood(covariance, unit, excess) -> np.ndarray:
+    """(n,) log likelihood of directions (m, n) of noise and of `excess` (n,) variances along covariances (n, m, m).
+
+    The covariances have trace 1. Against directions that are all as likely (Tyler 1987).
+    """
+    values, vectors = symmetric_eigen(covariance)
+    widths = 1 + np.maximum(values, 0.0) * excess[:, None]
+    squares = np.einsum("nab,an->nb", vectors, unit) ** 2
+    return -0.5 * (np.log(widths).sum(1) + len(unit) * np.log((squares / widths).sum(1)))
+
+
+def _relative_covariance(site, white: np.ndarray) -> np.ndarray:
+    """(n, m, m) covariance over its trace of a site's movement at each sample, multiplied by `white` (m, m)."""
+    d = np.einsum("ab,kbn->kan", white, _directions(site, len(white)))
     covariance = np.einsum("kan,kbn->nab", d, d)
     return covariance / np.maximum(np.einsum("naa->n", covariance), 1e-300)[:, None, None]
 
@@ -265,18 +280,26 @@ def _constant_shape_likelihood(z, share) -> float:
     the true one, whose ratio is more than k by chance at most once in k times. However far each sample lies off.
     """
     unit = _unit(z)
+    shape = _shape_of_noise(z, share)
+    volume = share.sum() * float(np.linalg.slogdet(shape)[1])
+    return -0.5 * (volume + len(unit) * float(np.log(_squares_of(unit, shape)) @ share))
+
+
+def _shape_of_noise(z, share) -> np.ndarray:
+    """(m, m) shape of the noise of residuals (m, n), of trace m, however far each lies off (Tyler 1987)."""
+    unit = _unit(z)
     m = len(unit)
     shape = np.eye(m)
-
-    def lengths():
-        squares = np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit)
-        return np.maximum(squares, 1e-300)
-
     for _ in range(_ROUNDS):
-        shape = m / share.sum() * (unit * share / lengths()) @ unit.T + ROUNDING * np.eye(m)
+        shape = m / share.sum() * (unit * share / _squares_of(unit, shape)) @ unit.T
+        shape += ROUNDING * np.eye(m)
         shape *= m / np.trace(shape)
-    volume = share.sum() * float(np.linalg.slogdet(shape)[1])
-    return -0.5 * (volume + m * float(np.log(lengths()) @ share))
+    return shape
+
+
+def _squares_of(unit, shape) -> np.ndarray:
+    """(n,) squared lengths of directions (m, n) by the inverse of a shape (m, m)."""
+    return np.maximum(np.einsum("an,ab,bn->n", unit, inverse_positive(shape), unit), 1e-300)
 
 
 def _of_noise(z) -> float:
