@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from robot_model.chain import forward
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
     fit_recording,
+    flange_scatter,
     reach_of,
     row_mismatch,
 )
@@ -157,11 +157,8 @@ def good_scale(robot, recording) -> float:
     Compliance, transmission errors and drift grow with the arm and with the range over which it moves. Five real
     arms leave at most 0.05 % of their reach, and 0.4 % of the RMS distance of their flange from its mean place.
     """
-    places = forward(robot, robot.mixing @ recording.joints.T).end_origin
-    spread = np.sqrt(((places - places.mean(1, keepdims=True)) ** 2).sum(0).mean())
-    return max(
-        _GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * float(spread))
-    )
+    spread = flange_scatter(robot, recording)
+    return max(_GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * spread))
 
 
 def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:

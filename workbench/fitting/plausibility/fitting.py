@@ -95,6 +95,12 @@ def scatter_of_points(recording) -> float:
     return max(float(np.sqrt(nearest.mean())), 1e-9)
 
 
+def flange_scatter(robot: Robot, recording) -> float:
+    """RMS distance of the flange of the nominal arm from its mean place, mm."""
+    places = forward(robot, robot.mixing @ recording.joints.T).end_origin
+    return float(np.sqrt(((places - places.mean(1, keepdims=True)) ** 2).sum(0).mean()))
+
+
 def unexplainable_misfit_mm(robot: Robot, recording) -> float:
     """mm of misfit with the nominal geometry above which plausible geometry errors cannot be the reason.
 

@@ -136,8 +136,9 @@ def _is_accepted(explanation, recorded, scale_of_good_fit):
         return False
     falls = _FALLS * max(1.0, fit.scale / scale_of_good_fit) ** 2
     gain = recorded.improbability - fit.improbability
-    needless = fit.scale <= scale_of_good_fit and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
-    return needless or falls * explanation.correction.comparable(fit.scale) < recorded.scale
+    scale = explanation.correction.comparable(fit.scale)
+    needless = scale <= scale_of_good_fit and _worst(recorded) > _PLAUSIBLE and gain > _EVIDENCE
+    return needless or falls * scale < recorded.scale
 
 
 def _worst(fit):

@@ -7,7 +7,7 @@ The most promising candidates are fitted again with plausible geometry errors, a
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
     fit_recording,
+    flange_scatter,
     nominal_scales,
     unexplainable_misfit_mm,
 )
@@ -44,6 +45,7 @@ _BEAM = 5
 _DEEPEST = 3
 SIGN, UNITS = "joint-sign", ("joint-unit", "length-unit")
 _PROGRESS = 0.8
+_WITHOUT_LENGTHS = ("touch-point", "plane-touch")
 CLOSE = 1.5
 """Candidates within this factor of the smallest scale explain the data about equally well."""
 
@@ -87,14 +89,33 @@ class Search:
 
 def search_singles(robot, recording) -> Search:
     """Every single correction, every combination of signs and of columns in one unit, and cycles of three joints."""
-    singles = single_corrections(robot, recording)
+    singles = _in_terms_of_motion(robot, recording, single_corrections(robot, recording))
     vectors = [
         *sign_vectors(recording),
         *unit_vectors(recording),
         *order_vectors(recording),
     ]
+    vectors = _in_terms_of_motion(robot, recording, vectors)
     screened = screen(robot, recording, [*singles, *vectors])
     return Search(tuple(judge(robot, recording, screened)), tuple(screened), tuple(singles))
+
+
+def _in_terms_of_motion(robot, recording, corrections: list[Correction]) -> list[Correction]:
+    """Corrections of a recording without coordinates or lengths, whose misfit counts in relation to the motion.
+
+    A tip stays near a fixed point, whatever it touches, once the readings hardly move the arm.
+    """
+    if recording.measures not in _WITHOUT_LENGTHS:
+        return corrections
+    scatter = max(flange_scatter(robot, recording), 1e-9)
+    found = []
+    for correction in corrections:
+        try:
+            share = flange_scatter(*correction.apply(robot, recording)) / scatter
+        except FAILURES:
+            continue
+        found.append(replace(correction, magnification=max(share, 1e-9)))
+    return found
 
 
 def search_further(robot, recording, search: Search, sufficient_scale: float) -> Search:

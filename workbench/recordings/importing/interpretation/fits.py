@@ -19,6 +19,7 @@ from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import (
     EXPLAINED,
     fit_recording,
+    flange_scatter,
     nominal_scales,
     reach_of,
     scatter_of_points,
@@ -107,7 +108,7 @@ def compare_readings(
     plausible geometry errors make fit. Empty where no reading can be fitted.
     """
     thinned = [(title, reading.select(even_rows(reading, _ROWS))) for title, reading in readings]
-    units = np.array([_unit_of_misfit(_scatter(reading)) for _, reading in thinned])
+    units = np.array([_unit_of_misfit(_scatter(robot, reading)) for _, reading in thinned])
     quick = np.array(nominal_scales([(robot, reading) for _, reading in thinned])) / units
     is_beyond_reach = np.array([_is_beyond_reach(robot, reading) for _, reading in thinned], bool)
     if np.isfinite(quick[~is_beyond_reach]).any():
@@ -159,7 +160,7 @@ def _refined(robot: Robot, title: str, reading: Recording) -> CandidateFit | Non
         return None
     if not np.isfinite(fit.scale):
         return None
-    scatter = _scatter(reading)
+    scatter = _scatter(robot, reading)
     # the noise counts in units of the points, whose prior knows no unit
     improbability = fit.improbability - fit.degrees * np.log(_unit_of_misfit(scatter))
     is_good = fit.core <= good and not fit.core > EXPLAINED * scatter
@@ -168,8 +169,13 @@ def _refined(robot: Robot, title: str, reading: Recording) -> CandidateFit | Non
     )
 
 
-def _scatter(recording: Recording) -> float:
-    """mm of the measured points; nan where they are not as wide as the arm's motion."""
+def _scatter(robot: Robot, recording: Recording) -> float:
+    """mm of the measured points; nan where they are not as wide as the arm's motion.
+
+    Of touches, which measure no coordinates, that of the flange: readings that hardly move the arm fit any of them.
+    """
+    if recording.measures == "touch-point":
+        return max(flange_scatter(robot, recording), 1e-9)
     if recording.measures not in AS_WIDE_AS_THE_ARM:
         return np.nan
     return scatter_of_points(recording)
@@ -180,7 +186,7 @@ def _is_beyond_reach(robot: Robot, recording: Recording) -> bool:
 
     If few joints move, such points fit as well as others: they are then places of a very long tool.
     """
-    scatter = _scatter(recording)
+    scatter = _scatter(robot, recording)
     return bool(scatter > _MOST_OF_REACH * reach_of(robot, recording))
 
 

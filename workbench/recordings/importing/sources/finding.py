@@ -20,6 +20,7 @@ from workbench.recordings.importing.board_images.image_sessions import joined_im
 from workbench.recordings.importing.sources.header_problems import header_error
 from workbench.recordings.importing.sources.named_joints import with_named_joints
 from workbench.recordings.importing.sources.timed_join import TimedJoin
+from workbench.recordings.importing.sources.touches import with_touches
 from workbench.recordings.importing.target_poses.centre_layouts import pose_and_centre
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
@@ -84,6 +85,11 @@ def find_mapping(
         pair = pair or pose_and_centre(source.tables, mapping)
         if pair is not None:
             return Found(source, *pair, (), (*warnings, *pair[0].warnings))
+    touches = (
+        with_touches(source.tables, mapping, options.robot or mapping.robot) if is_plain else None
+    )
+    if touches is not None:
+        return Found(source, *touches, (), (*warnings, *touches[0].warnings))
     if source.images:
         source, notes = joined_image_sessions(source)
         warnings = (*warnings, *notes)
