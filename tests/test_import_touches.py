@@ -79,7 +79,7 @@ def test_a_log_that_touches_nothing_needs_a_measurement(tmp_path, kind):
         import_recording(written(tmp_path, [readings]), tmp_path / "out", ARM)
 
 
-def test_a_column_beside_the_readings_is_a_measurement(tmp_path, touched):
+def test_a_column_next_to_the_readings_is_a_measurement(tmp_path, touched):
     """Only joint readings are taken for touches: the temperature next to them may be anything without a header."""
     readings = joints(touched)[0]
     readings = np.column_stack([readings, np.random.default_rng(1).uniform(20, 30, EACH)])
