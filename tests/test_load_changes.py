@@ -129,3 +129,20 @@ def test_a_search_goes_on_without_a_load_of_negative_mass():
 def variant_of(effect, label=""):
     """A hypothesis with no more than what the search needs to solve with it."""
     return Hypothesis(effect.effect, effect.where, label, effect.effect, (effect,))
+
+
+def test_a_change_of_load_with_deflections_of_its_own_needs_no_other_compliance():
+    """The weight of light links may deflect an arm by too little to be retained, and a load by ten times as much."""
+    bench = bench_of(without_masses(recorded(41, n=60)))
+    change = CATALOGUE["load-deflection"]("tool", after=INSTANT)
+    curve = CATALOGUE["joint-coupling"]("joint-3", joint=2)
+    terms = [
+        Term(Finding(effect.effect, effect.where, "", (effect,), 1e-9, 1.0, 0.1, 10.0))
+        for effect in (curve, change)
+    ]
+    retained, refused = require_compliances(bench, terms)
+    assert retained == terms and not refused
+    mass = CATALOGUE["payload"]("tool", after=INSTANT)
+    added = Term(Finding(mass.effect, mass.where, "", (mass,), 1e-9, 1.0, 0.1, 10.0))
+    retained, refused = require_compliances(bench, [*terms, added])
+    assert retained == terms and [term.finding.effects for term in refused] == [(mass,)]

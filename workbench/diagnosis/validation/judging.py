@@ -111,14 +111,24 @@ def extrapolated_share(problem: Problem, numbers: Sequence[int], fold: np.ndarra
 
 
 def require_compliances(bench, terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
-    """The terms, and refused those that need a compliance where neither baseline nor terms hold one."""
+    """The terms, and refused those that need a compliance where neither baseline nor terms hold one.
+
+    A change of load with a deflection of each joint needs none: the same joints before and after an instant show it,
+    also where the weight of the links deflects them by too little to be retained.
+    """
     effects = [effect for term in terms for effect in term.finding.effects]
     if any(effect.carries_load for effect in (*getattr(bench, "baseline", ()), *effects)):
         return list(terms), []
     reason = "it acts only through a compliance, and none is retained"
-    orphans = [t for t in terms if any(effect.needs_compliance for effect in t.finding.effects)]
+    orphans = [t for t in terms if any(map(_has_no_deflection, t.finding.effects))]
     retained = [t for t in terms if not any(t is orphan for orphan in orphans)]
     return retained, [replace(t, kept=False, reason=reason) for t in orphans]
+
+
+def _has_no_deflection(effect: Effect) -> bool:
+    """Whether an effect needs a compliance, and is no change with deflections of its own."""
+    is_change = effect.port not in STATE_PORTS and getattr(effect, "after", None) is not None
+    return effect.needs_compliance and not is_change
 
 
 def combined_t(values: Sequence[float], sigma: np.ndarray | None) -> float:
