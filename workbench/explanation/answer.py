@@ -116,7 +116,9 @@ def diagnose(
         baseline = reference.name
     diagnosis = _diagnose_bench(recording, bench, baseline, shares, report, jobs)
     diagnosis = replace(diagnosis, given=bench.baseline)
-    return diagnosis if reference is None else with_differences(diagnosis, reference, compared)
+    if reference is None:
+        return diagnosis
+    return with_differences(diagnosis, reference, compared)
 
 
 def _of_sensor(recording, reference, report: "Reporter") -> Diagnosis:
@@ -163,7 +165,8 @@ def _diagnose_bench(
     """Find, prove, say what cannot be seen and what to measure next."""
     bench, found, (terms, refused, proved) = _found_and_proved(bench, report, jobs)
     last, correlation = _final_model(bench, found, terms)
-    found, proved = last.found, last.with_noise(proved)
+    found = last.found
+    proved = last.with_noise(proved)
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *image_terms(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
@@ -238,7 +241,9 @@ def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
 def _own_samples(chain, term: Term) -> np.ndarray | slice:
     """The samples between which a term may begin: (n,) bool of the target that moved, all where it is no target."""
     moved = [e for e in term.finding.effects if isinstance(e, TargetShift)]
-    return moved[0].is_observed(chain.state) if moved else slice(None)
+    if moved:
+        return moved[0].is_observed(chain.state)
+    return slice(None)
 
 
 def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:
@@ -434,7 +439,10 @@ def _with_numbers(bench, term: Term, effects, rows) -> Term:
     ]
     term_rows = with_variation(term_rows, term.finding.variation)
     varying = [row["size_mm"] for row in term_rows if row["name"] == DEFLECTION]
-    size = varying[0] if len(varying) == 1 else _size(bench, effects, term)
+    if len(varying) == 1:
+        size = varying[0]
+    else:
+        size = _size(bench, effects, term)
     compliances = _compliances(bench, term)
     alarms = (*term.finding.alarms, *implausible_values(term_rows, size, compliances))
     return replace(

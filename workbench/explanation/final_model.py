@@ -24,12 +24,14 @@ class FinalModel:
     def __init__(self, bench, found: Found, unit: str, terms=None):
         self.bench, self.unit, self.found, self.terms = bench, unit, found, terms
         self.before = found.before
-        effects = [e for term in terms for e in term.finding.effects] if terms is not None else None
-        self.after = (
-            found.after
-            if effects is None
-            else bench.problem(effects, hypotheses=False).conditional_on()
-        )
+        if terms is not None:
+            effects = [e for term in terms for e in term.finding.effects]
+        else:
+            effects = None
+        if effects is None:
+            self.after = found.after
+        else:
+            self.after = bench.problem(effects, hypotheses=False).conditional_on()
 
     @property
     def noise(self) -> tuple[float, str]:
@@ -109,7 +111,8 @@ class FinalModel:
         model, fit, _ = self.bench.solve(self.before.effects)
         values = fit.parameters.values[: len(chain.parameters)]
         evaluation = model.chain.evaluate(values, {})
-        points = model.chain.to_root(values, evaluation, np.zeros((3, self.before.n)))[0]
+        residual = np.zeros((3, self.before.n))
+        points = model.chain.to_root(values, evaluation, residual)[0]
         return local_structure(self.after, self.before, points)
 
     def _index(self):
@@ -157,7 +160,10 @@ class FinalModel:
         )
         before = residuals_of(self.before)
         after = residuals_of(self.after)
-        rotation = (before[3:], after[3:]) if self.before.rotation is not None else None
+        if self.before.rotation is not None:
+            rotation = before[3:], after[3:]
+        else:
+            rotation = None
         return Views(
             before[:3],
             after[:3],
@@ -224,7 +230,9 @@ def _with_units_of_slides(covariates: dict, chain) -> dict:
 def _rank(problem) -> int:
     """Of the baseline, of which the position spends its share where orientation is measured, too."""
     rank = problem.rank
-    return rank if problem.rotation is None else round(rank * float((~problem.rotation).mean()))
+    if problem.rotation is None:
+        return rank
+    return round(rank * float((~problem.rotation).mean()))
 
 
 def residuals_of(problem) -> np.ndarray:
@@ -256,4 +264,6 @@ def unwhitened(problem) -> np.ndarray:
 
 def stated_sigma(recording) -> float | None:
     """RMS of the stated 1 sigma of a coordinate."""
-    return None if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
+    if recording.sigma is None:
+        return None
+    return float(np.sqrt(np.mean(recording.sigma**2)))

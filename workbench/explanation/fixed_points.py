@@ -163,9 +163,12 @@ def _is_drift(effect) -> bool:
 def _covariance(bench, model, fit) -> np.ndarray:
     """(F, F) of the free parameters, where the rows of one pose err together: Liang & Zeger, Biometrika 73 (1986)."""
     known = np.diag(fit.parameters.precision[fit.parameters.mask])
-    inverse = inverse_positive(fit.normal / fit.sigma_scale**2 + known)
+    matrix = fit.normal / fit.sigma_scale**2 + known
+    inverse = inverse_positive(matrix)
     scores = pose_scores(model, fit, bench.pose)
-    return inverse if scores is None else inverse @ scores @ inverse
+    if scores is None:
+        return inverse
+    return inverse @ scores @ inverse
 
 
 def _displaced(drift, rotation, place, time) -> np.ndarray:

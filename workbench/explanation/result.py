@@ -187,7 +187,9 @@ def verdict_of(
         return UNEXPLAINED
     if not structure:
         return CONSISTENT
-    return EXPLAINED if all(term.is_certain for term in terms) else AMBIGUOUS
+    if all(term.is_certain for term in terms):
+        return EXPLAINED
+    return AMBIGUOUS
 
 
 def has_unexplained_structure(proof: Proof, p_remainder: float, is_above: bool = False) -> bool:
@@ -265,7 +267,9 @@ def _spectrum(term: Term) -> dict | None:
 
 def _scale(scale: tuple[float, float] | None) -> dict | None:
     """Factor of a reading whose error is a straight line, with its standard deviation."""
-    return None if scale is None else dict(zip(("factor", "std"), scale))
+    if scale is None:
+        return None
+    return dict(zip(("factor", "std"), scale))
 
 
 def options_of(effects) -> dict:

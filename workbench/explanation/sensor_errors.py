@@ -384,4 +384,6 @@ def _distance_error(
             places = [np.asarray(known[int(numbers[k])][:3]) for k in (i, j)]
             certified = np.linalg.norm(places[0] - places[1])
             squares.append((np.linalg.norm(centres[i] - centres[j]) - certified) ** 2)
-    return float(np.sqrt(np.mean(squares))) if squares else None
+    if squares:
+        return float(np.sqrt(np.mean(squares)))
+    return None

@@ -31,7 +31,8 @@ def local_structure(problem: Problem, before: Problem, points: np.ndarray) -> Fi
     measured points. Coordinates in the frame of the measurement show what acts at the base, those in the frame of the
     tool what acts there.
     """
-    n, m = problem.n, len(problem.residual) // problem.n
+    n = problem.n
+    m = len(problem.residual) // problem.n
     if len(problem.residual) != m * n or problem.ends.count > 1:
         return None
     found, count = None, 0
@@ -67,7 +68,9 @@ def _tool_axes(before: Problem, components: int) -> np.ndarray | None:
 
 def _in_frame(values: np.ndarray, axes: np.ndarray | None) -> np.ndarray:
     """(m, n, T) values of samples along other axes (k, m, n)."""
-    return values if axes is None else np.einsum("kmn,mnt->knt", axes, values)
+    if axes is None:
+        return values
+    return np.einsum("kmn,mnt->knt", axes, values)
 
 
 def _spaces(problem: Problem, points: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
@@ -107,7 +110,8 @@ def _p_value(values: np.ndarray, kernel: np.ndarray) -> float:
     By a scaled chi-square distribution with the mean, variance and skewness of the permuted ones.
     """
     similarity = sum((part * (kernel @ part)).sum(0) for part in values) / (values**2).sum((0, 1))
-    mean, std = similarity[1:].mean(), max(float(similarity[1:].std()), 1e-300)
+    mean = similarity[1:].mean()
+    std = max(float(similarity[1:].std()), 1e-300)
     skewness = max(float((((similarity[1:] - mean) / std) ** 3).mean()), _LEAST_SKEWNESS)
     degrees = 8 / skewness**2
     z = float((similarity[0] - mean) / std)

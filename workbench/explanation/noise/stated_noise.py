@@ -160,7 +160,9 @@ def _agreed(factors: np.ndarray) -> float:
     """
     if (factors > 1).all():
         return float(factors.min())
-    return float(factors.max()) if (factors < 1).all() else 1.0
+    if (factors < 1).all():
+        return float(factors.max())
+    return 1.0
 
 
 def compare(stated: StatedNoise, structure_left: bool) -> NoiseRatio | None:

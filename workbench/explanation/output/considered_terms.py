@@ -46,7 +46,9 @@ def considered_terms(
             continue  # the recording determines nothing of it
         models.append(model)
         squares += model.probability * _mean_square(calibration, wider)
-    return Considered(tuple(models), float(np.sqrt(squares))) if models else None
+    if models:
+        return Considered(tuple(models), float(np.sqrt(squares)))
+    return None
 
 
 def _stage(number: int, term: Term, loss: str, rows_of) -> Stage:

@@ -54,10 +54,9 @@ def _residuals(diagnosis: Diagnosis) -> str:
     for name, values in _rotation_columns(diagnosis).items():
         head.insert(-2, name)
         columns = np.concatenate([columns, values[None]])
-    lines = [
-        [int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)]
-        for i, row, fold in zip(views.sample, columns.T, proof.fold)
-    ]
+    lines = []
+    for i, row, fold in zip(views.sample, columns.T, proof.fold):
+        lines.append([int(i), *(f"{v:.6g}" for v in row), int(fold), int(int(i) in out)])
     return csv_text(head, lines)
 
 

@@ -113,10 +113,8 @@ def _joined(recording, rows, changed=None):
 
 
 def _loaded(bench, rows, pose) -> CandidateRecording:
-    robot, recorded_loads = (
-        bench.chain.robot,
-        bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n)),
-    )
+    robot = bench.chain.robot
+    recorded_loads = bench.recording.columns.get("payload_kg", np.zeros(bench.recording.n))
     load = max(_LEAST_LOAD_KG, round(2 * _LOAD_SHARE * float(robot.mass.sum())) / 2)
     joined = _joined(bench.recording, rows, {"payload_kg": recorded_loads[rows] + load})
     words = f"measure {{poses}} of these poses again with {load:g} kg more on the flange"
@@ -183,7 +181,9 @@ def _seen(bench, joined):
     """The recording with the points that the fitted baseline predicts: what an effect reads of them."""
     model, fit, _ = bench.solve(())
     chain = bind(model.chain.robot, joined, model.chain.start)
-    chain = replace(chain, state=with_derived(chain, np.arange(chain.n)))
+    state = with_derived(chain, np.arange(chain.n))
+    chain = replace(chain, state=state)
     joined_model = Model(chain, bench.baseline)
     residual = joined_model.residual(joined_model.parameters.take_over(fit.parameters))
-    return replace(joined, columns=dict(joined.columns) | chain.measurement.columns(residual))
+    columns = dict(joined.columns) | chain.measurement.columns(residual)
+    return replace(joined, columns=columns)

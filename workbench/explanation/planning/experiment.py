@@ -109,7 +109,10 @@ def next_experiment(
     )[:_ASKED]
     asked = [(term, *_asked(bench, terms, term, problem, kinds)) for term in least_certain]
     # a term that the recorded poses already decide needs no further experiment
-    undecided = [row for row in asked if row[-1] and row[-1][0][0]["samples_needed"] > 0]
+    undecided = []
+    for row in asked:
+        if row[-1] and row[-1][0][0]["samples_needed"] > 0:
+            undecided.append(row)
     term, others, pair, rows = (undecided or asked)[0]
     if not rows:
         request = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
@@ -221,7 +224,8 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
 
     others: whether other recordings, too, would tell.
     """
-    missing_columns = listed(sorted({covariate(name) for name in missing_of(terms)}))
+    words = sorted({covariate(name) for name in missing_of(terms)})
+    missing_columns = listed(words)
     if not missing_columns:
         return ""
     if others:
@@ -237,11 +241,10 @@ def _by_word(term: Term) -> str:
     first_effect = next(iter(term.finding.effects), None)
     reads = first_effect.reads if first_effect else ()
     names = sorted(term.finding.depends_on or reads)
-    aim = (
-        f"distinguish {_called(term)} from {listed(others, 'or')}"
-        if others
-        else f"learn what makes {_called(term)}"
-    )
+    if others:
+        aim = f"distinguish {_called(term)} from {listed(others, 'or')}"
+    else:
+        aim = f"learn what makes {_called(term)}"
     is_confounded = any(a.why == CONFOUNDED for a in term.finding.alternatives)
     if first_effect and is_confounded and first_effect.distinguished_by:
         return f"To {aim}, {first_effect.distinguished_by}."
@@ -284,7 +287,9 @@ def _effects_of(problem: Problem, alternative) -> tuple:
     for scan in problem.scans:
         if (scan.effect, scan.where) == (alternative.effect, alternative.where) and scan.make:
             hits = [v for v in scan.options if scan.word.format(v) == alternative.label]
-            return tuple(scan.make(float(hits[0]))) if hits else ()
+            if hits:
+                return tuple(scan.make(float(hits[0])))
+            return ()
     return ()
 
 

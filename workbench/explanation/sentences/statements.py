@@ -57,7 +57,9 @@ def with_sample_numbers(text: str, order: np.ndarray, ids: np.ndarray) -> str:
         if not 0 < later < len(rank):
             return found[0]
         interval = f"between samples {ids[rank[later - 1]]:g} and {ids[rank[later]]:g}"
-        return f"at {found['value']} s, {interval}" if found["unit"] else interval
+        if found["unit"]:
+            return f"at {found['value']} s, {interval}"
+        return interval
 
     return _INSTANT.sub(name, text)
 
@@ -163,11 +165,9 @@ def _of_law(term: Term, size: str) -> str:
     sentence = sentence.replace(
         _EITHER, "with time (no temperature was recorded)" if by_time else "with temperature"
     )
-    return (
-        f"{sentence}: {', '.join(filter(None, (numbers, size)))}."
-        if numbers or size
-        else f"{sentence}."
-    )
+    if numbers or size:
+        return f"{sentence}: {', '.join(filter(None, (numbers, size)))}."
+    return f"{sentence}."
 
 
 def _of_structure(term: Term) -> str:
@@ -260,7 +260,10 @@ def _of_ghost_line(term: Term) -> str:
 def _of_stated_noise(term: Term) -> str:
     """The factor by which the stated noise is wrong, why that matters and what to do."""
     row = next(iter(term.parameters), None)
-    factor = f"{row['value']:.2f} ± {row['std']:.2f} times" if row else "not"
+    if row:
+        factor = f"{row['value']:.2f} ± {row['std']:.2f} times"
+    else:
+        factor = "not"
     source = term.finding.label.rpartition(", ")[2]
     return (
         f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "
@@ -378,7 +381,9 @@ def _of_probability(finding) -> str:
 
 
 def _probability(finding) -> str:
-    return f"{finding.probability:.2f}" if finding.probability >= 0.005 else "below 0.01"
+    if finding.probability >= 0.005:
+        return f"{finding.probability:.2f}"
+    return "below 0.01"
 
 
 def first_terms(terms: Sequence[Hypothesis]) -> str:

@@ -96,7 +96,9 @@ def covariate(name: str) -> str:
     element = f"{known.place.kind} {known.place.number}"
     if known.kind == "moment":
         return f"the bending moment of {element} about {known.component}"
-    return _KINDS[known.kind].format(element) if known.kind in _KINDS else name.replace("_", " ")
+    if known.kind in _KINDS:
+        return _KINDS[known.kind].format(element)
+    return name.replace("_", " ")
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
@@ -200,7 +202,9 @@ def length(value: float | None, unit: str = "mm") -> str:
         return "no size"
     if unit == "mm" and abs(value) < 0.00995:
         return f"{value * 1e3:.2g} µm"
-    return f"{value:.2g} {unit}" if abs(value) < 1 else f"{value:.3g} {unit}"
+    if abs(value) < 1:
+        return f"{value:.2g} {unit}"
+    return f"{value:.3g} {unit}"
 
 
 def figures(rows: Sequence[Mapping]) -> str:
@@ -285,7 +289,9 @@ def _name(row) -> str:
 
 
 def _surety(row) -> float:
-    return abs(row["value"]) / row["std"] if row["std"] else 0.0
+    if row["std"]:
+        return abs(row["value"]) / row["std"]
+    return 0.0
 
 
 def _waves(rows):
@@ -300,19 +306,19 @@ def _waves(rows):
         size = math.hypot(a["value"], b["value"])
         # the phase depends on an estimated order, the amplitude to first order not
         widths = [row.get("conditional_std", row["std"]) for row in (a, b)]
-        std = (
-            math.hypot(a["value"] * widths[0], b["value"] * widths[1]) / size if size else widths[0]
-        )
+        if size:
+            std = math.hypot(a["value"] * widths[0], b["value"] * widths[1]) / size
+        else:
+            std = widths[0]
         yield "amplitude", {"name": first, "value": size, "std": std, "unit": a["unit"]}
 
 
 def errors(before: float, after: float, noise: float, source: str, unit: str) -> str:
     """The held-out errors in one sentence."""
-    shown = (
-        f"{length(before, unit)} to {length(after, unit)}"
-        if after < before
-        else f"{length(before, unit)}"
-    )
+    if after < before:
+        shown = f"{length(before, unit)} to {length(after, unit)}"
+    else:
+        shown = f"{length(before, unit)}"
     verb = "falls from" if after < before else "stays at"
     return (
         f"Held-out error {verb} {shown} RMS; noise alone leaves {length(noise, unit)} ({source})."
