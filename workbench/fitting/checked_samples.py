@@ -60,7 +60,8 @@ class CheckedSamples:
         rows = [int(np.flatnonzero(self.recording.sample_ids == number)[0]) for number in jump]
         time = self.recording.columns.get("time_s", np.arange(self.recording.n, dtype=float))
         slack = _JUMP_SLACK * float(np.median(np.diff(np.unique(time))))
-        low, high = min(time[rows]) - slack, max(time[rows]) + slack
+        low = min(time[rows]) - slack
+        high = max(time[rows]) + slack
         return any(low <= instant <= high for instant in instants)
 
     @property

@@ -128,7 +128,10 @@ class HeldOut:
         for rows, squares, rounding in zip(
             (slice(0, 3), slice(3, None)), self._squares_by_kind(), _ROUNDING
         ):
-            stated = 0.0 if self.sigma is None else float((self.sigma[rows] ** 2).sum(0).mean())
+            if self.sigma is None:
+                stated = 0.0
+            else:
+                stated = float((self.sigma[rows] ** 2).sum(0).mean())
             levels.append(max(float(np.nanmean(squares)), stated, rounding**2))
         return levels
 

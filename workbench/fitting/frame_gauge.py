@@ -87,7 +87,9 @@ def undetermined_offset_words(parameters: Parameters, fixed: Sequence[str]) -> s
 
 def _normal(model: Model, fit: Fit) -> np.ndarray:
     """(F, F) whitened normal matrix of a fit; a robust fit has none of its last step."""
-    return normal_matrix(model, fit.parameters) if fit.gradient is None else fit.normal
+    if fit.gradient is None:
+        return normal_matrix(model, fit.parameters)
+    return fit.normal
 
 
 def _sigma(normal: np.ndarray, parameters: Parameters, scale: float) -> np.ndarray:

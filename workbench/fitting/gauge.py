@@ -27,11 +27,9 @@ def size_of(chain: RobotChain, gauge_parameters: Parameters) -> str | None:
         key=lambda key: abs(gauge_parameters.nulls[gauge_parameters.index[key]]),
         default=None,
     )
-    return (
-        longest
-        if longest is not None and gauge_parameters.mask[gauge_parameters.index[longest]]
-        else None
-    )
+    if longest is not None and gauge_parameters.mask[gauge_parameters.index[longest]]:
+        return longest
+    return None
 
 
 def non_negligible_lengths(parameters: Parameters, size: str) -> list[str]:

@@ -102,7 +102,8 @@ class _Block:
         from_null = start.pack() - parameters.nulls[parameters.mask]
         weight = parameters.precision[parameters.mask] * max(1.0, squares / self.count)
         information = self.normal * np.outer(size, size) + np.diag(weight * size**2 + _DAMPING)
-        return -size * solve_positive(information, size * (self.gradient + weight * from_null))
+        right = size * (self.gradient + weight * from_null)
+        return -size * solve_positive(information, right)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,10 @@ def noise_scaled(
     for rows in (slice(0, 3), slice(3, 6)):  # positions, and orientations where they are measured
         squares = fit.residual[rows] ** 2 * weights / _share_of_degrees(fit, rows)
         if squares.size:
-            share = float((squares / of_fit[rows] ** 2).mean()) if scales else 1.0
+            if scales:
+                share = float((squares / of_fit[rows] ** 2).mean())
+            else:
+                share = 1.0
             share = np.clip(share, _LEAST_SHARE, 1.0)
             sigma[rows] = np.sqrt(share * stated[rows] ** 2 + _extra(squares, of_fit[rows]))
     return replace(chain, sigma=sigma)

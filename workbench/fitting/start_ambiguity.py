@@ -14,7 +14,8 @@ def ambiguity_sentence(robot, samples) -> str | None:
     measurement = measurement_of(samples)
     if not hasattr(measurement, "system") or samples.joints.shape[1] != robot.mixing.shape[1]:
         return None
-    found = measurement.system(forward(robot, robot.mixing @ samples.joints.T)).alternatives()
+    frames = forward(robot, robot.mixing @ samples.joints.T)
+    found = measurement.system(frames).alternatives()
     if len(found) == 1:
         return None
     relative = found[0].rotations[0].T @ found[1].rotations[0]

@@ -127,7 +127,9 @@ def plan_names() -> list[str]:
 
 def plan_location(plan: str | Path) -> str:
     """A plan so that it can be read from any folder: a known name as it is, else the whole path of its file."""
-    return str(plan) if str(plan) in plan_names() else str(Path(plan).resolve())
+    if str(plan) in plan_names():
+        return str(plan)
+    return str(Path(plan).resolve())
 
 
 def read_plan(path: Path) -> tuple[Stage, ...]:
@@ -138,7 +140,10 @@ def read_plan(path: Path) -> tuple[Stage, ...]:
     `hold` (table of shell pattern = value: known beforehand, and never free in this plan).
     Raises InputError for a file that is no such plan.
     """
-    path = PLAN_FILES / f"{path}.toml" if str(path) in plan_names() else Path(path)
+    if str(path) in plan_names():
+        path = PLAN_FILES / f"{path}.toml"
+    else:
+        path = Path(path)
     path = path / "plan.toml" if path.is_dir() else path  # a run folder of `workbench diagnose`
     try:
         rows = read_toml(path).get("stage", [])

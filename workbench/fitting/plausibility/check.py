@@ -174,11 +174,10 @@ def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Sus
         yield from _moved_or_explained(robot, recording, fit, scale_of_good_fit, change)
     elif reason is not None:
         # where all rows of one target are off, the order of rows or the labels may be wrong instead
-        found = (
-            explained_suspicions(robot, recording, fit, scale_of_good_fit)
-            if reason.cause == "wrong-target"
-            else []
-        )
+        if reason.cause == "wrong-target":
+            found = explained_suspicions(robot, recording, fit, scale_of_good_fit)
+        else:
+            found = []
         yield from found or [_outlying(recording, outliers, reason, named)]
     yield from _rounded(robot, recording, fit, named)
     yield from _sigma_too_large(recording, fit)
@@ -233,7 +232,8 @@ def _of_groups(robot, recording, fit: Fit) -> Suspicion | None:
     known = recording.select(np.flatnonzero(np.isfinite(group.mismatch)))
     mismatch = group.mismatch[np.isfinite(group.mismatch)]
     agree = mismatch < group.limit
-    outliers = Outliers(np.flatnonzero(~agree), mismatch, float(np.median(mismatch[agree])))
+    median = float(np.median(mismatch[agree]))
+    outliers = Outliers(np.flatnonzero(~agree), mismatch, median)
     reason = outlier_reason(robot, known, group.fit, outliers)
     is_named = reason.is_specific or reason.cause == "moved"
     return _outlying(known, outliers, reason, named) if is_named else None
@@ -278,11 +278,10 @@ def _majority_fit(robot, recording, scale_of_good_fit, share: float) -> Fit | No
 def _outlying(recording, outliers, reason, named) -> Suspicion:
     rows = outliers.rows
     distances = outliers.mismatch[outliers.rows]
-    size = (
-        f"{distances.min():.3g} to {distances.max():.3g} mm"
-        if len(rows) > 1
-        else f"{distances[0]:.3g} mm"
-    )
+    if len(rows) > 1:
+        size = f"{distances.min():.3g} to {distances.max():.3g} mm"
+    else:
+        size = f"{distances[0]:.3g} mm"
     are = "are" if len(rows) > 1 else "is"
     samples = named_samples(recording, rows, outliers.mismatch)
     sentence = (

@@ -139,7 +139,10 @@ def fit_recording(robot, recording, start=None, free=None, widen=(), steps=14) -
     Raises numpy.linalg.LinAlgError where a start cannot be computed.
     """
     model, parameters = model_at(robot, recording, start)
-    patterns = (*frames_of(parameters), *geometry_free(robot)) if free is None else free
+    if free is None:
+        patterns = (*frames_of(parameters), *geometry_free(robot))
+    else:
+        patterns = free
     mask = parameters.matching(*patterns, *widen)
     prior = geometry_prior(robot, recording, parameters)
     if widen:
@@ -162,9 +165,9 @@ def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
     base = 0 if measurement.grounded else 6
     if len(values) != base + 5 * robot.joints + len(measurement.parameters()):
         raise np.linalg.LinAlgError("values of a recording with other reflectors or balls")
-    model = Model(
-        bind(robot, recording, np.concatenate([values[:base], values[base + 5 * robot.joints :]]))
-    )
+    start = np.concatenate([values[:base], values[base + 5 * robot.joints :]])
+    chain = bind(robot, recording, start)
+    model = Model(chain)
     return model, replace(model.parameters, values=np.array(values, float))
 
 
@@ -176,7 +179,9 @@ def nominal_scale(robot, recording) -> float:
     system = _nominal_system(robot, recording)
     if system is None:
         return fit_recording(robot, recording, free=base_and_tool(recording), steps=3).scale
-    return _scale_of(system, system.quick_distances()) if _is_spare(system) else np.inf
+    if _is_spare(system):
+        return _scale_of(system, system.quick_distances())
+    return np.inf
 
 
 def nominal_scales(cases: Sequence[tuple[Robot, Recording]]) -> list[float]:
@@ -219,7 +224,8 @@ def _nominal_system(robot, recording) -> RotationSystem | None:
     measurement = measurement_of(recording)
     if not hasattr(measurement, "system"):
         return None
-    return measurement.system(forward(robot, robot.mixing @ recording.joints.T))
+    frames = forward(robot, robot.mixing @ recording.joints.T)
+    return measurement.system(frames)
 
 
 def _is_spare(system: RotationSystem) -> bool:
@@ -345,12 +351,16 @@ class _Problem:
         degrees = m * n - float(degrees_used)
         mismatch = np.sqrt((self.residual**2).sum(0))
         best_rows = np.argsort(mismatch)[: max(int(np.ceil(_KEPT * n)), 1)]
-        inflation = np.sqrt(m * n / degrees) if degrees >= _LEAST_SPARE else np.inf
+        if degrees >= _LEAST_SPARE:
+            inflation = np.sqrt(m * n / degrees)
+        else:
+            inflation = np.inf
         position = float(np.sqrt((self.residual[:POSITION, best_rows] ** 2).sum(0).mean()))
         rotations = self.residual[POSITION:, best_rows] / self.lever
-        rotation = (
-            float(np.rad2deg(np.sqrt((rotations**2).sum(0).mean()))) if len(rotations) else np.nan
-        )
+        if len(rotations):
+            rotation = float(np.rad2deg(np.sqrt((rotations**2).sum(0).mean())))
+        else:
+            rotation = np.nan
         core = float(np.median(mismatch) / np.sqrt(MEDIAN_CHI2[m] / m))
         deviations = (self.parameters.pack() - self.nulls) * np.sqrt(self.precision)
         residual = np.concatenate([self.residual[:POSITION], self.residual[POSITION:] / self.lever])

@@ -123,7 +123,9 @@ def rank(explanation) -> int:
     cause, touched = explanation.correction.cause, explanation.correction.touches
     if cause == "joint-sign" and len(touched) > _FEW_SIGNS:
         return len(_COMMON) + 1
-    return _COMMON.index(cause) if cause in _COMMON else len(_COMMON)
+    if cause in _COMMON:
+        return _COMMON.index(cause)
+    return len(_COMMON)
 
 
 def _is_accepted(explanation, recorded, scale_of_good_fit):
@@ -152,7 +154,9 @@ def explained_suspicions(
     """The best single correction that explains the data better than the recorded data do, or nothing."""
     explanations = search_singles(robot, recording).explanations
     found = _accepted((*explanations, *_scaled(robot, recording)), recorded, scale_of_good_fit)
-    return [_explained(robot, recording, recorded, found, scale_of_good_fit)] if found else []
+    if found:
+        return [_explained(robot, recording, recorded, found, scale_of_good_fit)]
+    return []
 
 
 def _scaled(robot, recording) -> list[Explanation]:
@@ -185,7 +189,10 @@ def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
     chosen = recording.select(even_rows(recording, _ROWS))
     fits = [recorded]
     values = explanation.fit.parameters.values
-    starts = [values] if len(values) == len(recorded.parameters) else []
+    if len(values) == len(recorded.parameters):
+        starts = [values]
+    else:
+        starts = []
     for start in starts:
         try:
             near = fit_recording(robot, chosen, start, free=base_and_tool(chosen), steps=20)
@@ -259,7 +266,10 @@ def _named(recording) -> str:
 
 
 def _fits(recorded, scale_of_good_fit, reach_mm: float = 0.0) -> str:
-    share = f" ({100 * recorded.scale / reach_mm:.2g} % of the arm's reach)" if reach_mm > 0 else ""
+    if reach_mm > 0:
+        share = f" ({100 * recorded.scale / reach_mm:.2g} % of the arm's reach)"
+    else:
+        share = ""
     return (
         f"base, tool and plausible geometry errors fit the measurements to {fit_words(recorded)} only{share}, where "
         f"at most about {scale_of_good_fit:.2g} mm are expected"
@@ -275,12 +285,12 @@ def doubtful_columns(recording, recorded, scale_of_good_fit) -> Iterator[Suspici
 
 
 def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Suspicion]:
-    named, fits = _named(recording), _fits(recorded, scale_of_good_fit, reach_of(robot, recording))
-    sentences = (
-        list(doubtful_columns(recording, recorded, scale_of_good_fit))
-        if recorded.scale > _FAR * scale_of_good_fit
-        else []
-    )
+    named = _named(recording)
+    fits = _fits(recorded, scale_of_good_fit, reach_of(robot, recording))
+    if recorded.scale > _FAR * scale_of_good_fit:
+        sentences = list(doubtful_columns(recording, recorded, scale_of_good_fit))
+    else:
+        sentences = []
     yield from sentences
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(

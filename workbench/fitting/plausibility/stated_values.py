@@ -102,9 +102,10 @@ def _poses(robot, recording):
     )
     if a_pose is None:
         return
-    reflectors = (
-        len(np.unique(recording.reflector)) if recording.measures == "external-point" else 1
-    )
+    if recording.measures == "external-point":
+        reflectors = len(np.unique(recording.reflector))
+    else:
+        reflectors = 1
     known = min(a_pose * reflectors, 6) * poses
     unknown = 6 + len(geometry_free(robot)) + (3 * reflectors if a_pose == 3 else 6)
     if known < 1.25 * unknown:

@@ -19,7 +19,9 @@ _SHOWN = 4
 def fit_words(fit) -> str:
     """'12.3 mm' or '12.3 mm and 45 deg': RMS misfit of the best 90 % of the rows."""
     position = f"{fit.position_mm:.3g} mm"
-    return position if np.isnan(fit.rotation_deg) else f"{position} and {fit.rotation_deg:.2g} deg"
+    if np.isnan(fit.rotation_deg):
+        return position
+    return f"{position} and {fit.rotation_deg:.2g} deg"
 
 
 def change_point_sentence(named, change) -> str:

@@ -82,7 +82,8 @@ class Posterior:
 
     def __init__(self, linear: LinearFit, precision: np.ndarray):
         scale = 1 / np.sqrt(precision)
-        values, vectors = symmetric_eigen(linear.normal * np.outer(scale, scale))
+        matrix = linear.normal * np.outer(scale, scale)
+        values, vectors = symmetric_eigen(matrix)
         self._linear = linear
         self._information = np.maximum(values, 0.0)
         self._basis = vectors * scale[:, None]  # in it the prior is the identity
@@ -112,7 +113,8 @@ class Posterior:
 
     def _evidence_from(self, noise: float) -> float:
         for _ in range(_ROUNDS):
-            before, noise = noise, self.next_noise(noise)
+            before = noise
+            noise = self.next_noise(noise)
         return self._log_evidence(before, noise)
 
     def most_probable_noise(self) -> float:

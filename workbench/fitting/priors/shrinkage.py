@@ -35,7 +35,9 @@ def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | No
     """
     normal = None if fit.gradient is None else fit.normal
     scaled = rescaled(model, fit.parameters, only, normal)
-    return fit if scaled is fit.parameters else solve(model, scaled, loss, steps, fit)
+    if scaled is fit.parameters:
+        return fit
+    return solve(model, scaled, loss, steps, fit)
 
 
 def rescaled(
@@ -76,7 +78,8 @@ def rescaled(
         min_precision[has_prior],
         family[has_prior],
     )
-    return _with_priors(parameters, family, size / np.sqrt(np.maximum(precision, 1e-300)))
+    prior = size / np.sqrt(np.maximum(precision, 1e-300))
+    return _with_priors(parameters, family, prior)
 
 
 def _families(model, parameters) -> np.ndarray:

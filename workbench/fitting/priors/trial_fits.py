@@ -94,7 +94,8 @@ def _with_probable_noise(
     linear = LinearFit.of(trial)
     factor = np.sqrt(Posterior(linear, linear.precision).most_probable_noise())
     stated = 0.0 if chain.sigma_unknown else chain.stated_sigma
-    chain = replace(chain, sigma=np.maximum(factor * chain.sigma, stated))
+    sigma = np.maximum(factor * chain.sigma, stated)
+    chain = replace(chain, sigma=sigma)
     return chain, part.with_chain(replace(part.chain, sigma=chain.sigma[:, fitted]))
 
 

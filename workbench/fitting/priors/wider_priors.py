@@ -64,7 +64,8 @@ def widened(model: Model, fit: Fit) -> Parameters:
     table = list(parameters.table)
     for k, precision, new in zip(linear.rows, linear.precision, wider):
         if new != precision:
-            table[k] = replace(table[k], prior=float(table[k].typical / np.sqrt(new)))
+            prior = float(table[k].typical / np.sqrt(new))
+            table[k] = replace(table[k], prior=prior)
     return Parameters(tuple(table), parameters.values, parameters.mask)
 
 
@@ -98,9 +99,11 @@ def _in_conflict(
     rows_of_effects = [rows for rows in rows_of_effects if matters[rows].any()]
     if not rows_of_effects:
         return rows_of_effects
-    weak = posteriors.posterior_with(_weakened(linear.precision, np.concatenate(rows_of_effects)))
+    precision = _weakened(linear.precision, np.concatenate(rows_of_effects))
+    weak = posteriors.posterior_with(precision)
     noise = weak.next_noise(linear.noise)
-    values, covariance = weak.values(noise), weak.covariance(noise)
+    values = weak.values(noise)
+    covariance = weak.covariance(noise)
     prior = 1 / linear.precision
     return [rows for rows in rows_of_effects if _is_conflict(values, covariance, prior, rows)]
 
@@ -133,7 +136,8 @@ def _widest_worthwhile(posteriors: _Posteriors, precision, rows, effects) -> np.
 
     effects (E,): numbers of the parameters of all linear effects.
     """
-    linear, weak = posteriors.linear, _weakened(precision, rows)
+    linear = posteriors.linear
+    weak = _weakened(precision, rows)
     starts = (linear.noise, posteriors.posterior_with(weak).next_noise(linear.noise))
     present = posteriors.posterior_with(precision)
     best = present.evidence(starts) + _WORTHWHILE

@@ -170,4 +170,6 @@ def _too_few_poses(quantity: _Quantity) -> str:
 
 def _noise(report: NoiseReport) -> Noise | None:
     """Noise of the distance: as stated, else from replicates, else not known."""
-    return None if report.known_rms is None else Noise(*report.known_rms)
+    if report.known_rms is None:
+        return None
+    return Noise(*report.known_rms)

@@ -58,11 +58,10 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
     """Judge what a `workbench.explanation.result.Diagnosis` of a recording leaves."""
     answer = diagnosis.as_json()
     unit, held_out = diagnosis.unit, answer["held_out"]
-    noise = (
-        noise_of(diagnosis, recording, held_out)
-        if unit == "mm" and diagnosis.views is not None
-        else None
-    )
+    if unit == "mm" and diagnosis.views is not None:
+        noise = noise_of(diagnosis, recording, held_out)
+    else:
+        noise = None
     if any(effect["effect"] in NOISE_LEVELS for effect in answer["effects"]):
         is_above = None
         expected = Noise(held_out[f"noise_{unit}"], held_out["noise_from"])
@@ -82,8 +81,13 @@ def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise 
         rounded = held_out["noise_from"].endswith(WITH_ROUNDING)
         return Noise(noise.stated_rms, STATED + WITH_ROUNDING * rounded)
     named = held_out["noise_from"]
-    source = named if named and named.startswith(_NEIGHBOURS) else _SOURCES.get(named)
-    return None if source is None else Noise(held_out[f"noise_{unit}"], source)
+    if named and named.startswith(_NEIGHBOURS):
+        source = named
+    else:
+        source = _SOURCES.get(named)
+    if source is None:
+        return None
+    return Noise(held_out[f"noise_{unit}"], source)
 
 
 def noise_of(diagnosis, recording, held_out: Mapping) -> NoiseReport | None:
@@ -108,9 +112,13 @@ def noise_of(diagnosis, recording, held_out: Mapping) -> NoiseReport | None:
         rounding = (diagnosis.views.rounding[:3] ** 2).mean(0)[usual]
         sigma = np.sqrt(sigma**2 + rounding)
     robot = load_robot(recording.robot, f"robot of {recording.name}")
+    if sigma is None:
+        stated = None
+    else:
+        stated = float(f"{np.sqrt((sigma**2).mean()):.12g}")
     return report(
         Findings(
-            stated=None if sigma is None else float(f"{np.sqrt((sigma**2).mean()):.12g}"),
+            stated=stated,
             test=None if sigma is None else variance_test(remaining / sigma, remaining.size),
             replicates=_replicates(held_out, components),
             residual=robust_sigma(squares, components),

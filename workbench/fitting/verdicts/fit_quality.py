@@ -50,7 +50,10 @@ def noise_report(calibration) -> NoiseReport:
     if exceeds and not known.found:
         smooth = smooth_dependence(model, fit.parameters, fit.residual)
         known = smooth if smooth.found else known
-    absorbed = None if known.found or not exceeds else _absorbed(model, fit, _samples(recording))
+    if known.found or not exceeds:
+        absorbed = None
+    else:
+        absorbed = _absorbed(model, fit, _samples(recording))
     corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
     found = Findings(
         stated=None if stated is None else float(f"{np.sqrt((stated**2).mean()):.12g}"),
@@ -120,7 +123,8 @@ def _outlying(model: Model, fit: Fit, stated: np.ndarray | None, exceeds: bool) 
     for _ in range(_ROUNDS):
         if wrong.mean() > _MOST_OUTLYING:
             return nobody
-        scale = robust_sigma((white[:, ~wrong] ** 2).sum(0), len(white))
+        squares = (white[:, ~wrong] ** 2).sum(0)
+        scale = robust_sigma(squares, len(white))
         fit_without = solve(_with_scale(model, scale).at(~wrong), robust.parameters)
         before = wrong
         wrong = _tested(_with_scale(model, scale), fit_without, stated, wrong)
@@ -142,7 +146,9 @@ def _with_scale(model: Model, scale: float) -> Model:
 
 
 def _least_scale(model: Model, stated: np.ndarray | None) -> float:
-    return 0.0 if stated is None else float(np.median(stated / model.chain.sigma[:3]))
+    if stated is None:
+        return 0.0
+    return float(np.median(stated / model.chain.sigma[:3]))
 
 
 def _tested(model: Model, fit: Fit, stated: np.ndarray | None, left_out: np.ndarray) -> np.ndarray:

@@ -41,19 +41,16 @@ def review_recording(seen: Observed, progress: Callable[[str], None]) -> Review:
     """Whether the recorded data fit each other, with the most likely mistake where they do not. Raises InputError."""
     progress("comparing flange poses and images")
     by_given_camera = _review(seen, seen.camera)
-    other = (
-        None
-        if seen.made or not _may_be_the_camera(by_given_camera, seen.views)
-        else _own_camera(seen, progress)
-    )
+    if seen.made or not _may_be_the_camera(by_given_camera, seen.views):
+        other = None
+    else:
+        other = _own_camera(seen, progress)
     if other is None:
         return by_given_camera
     finding = _camera_finding(by_given_camera, _review(seen, other))
-    return (
-        by_given_camera
-        if finding is None
-        else replace(by_given_camera, findings=(finding, *by_given_camera.findings))
-    )
+    if finding is None:
+        return by_given_camera
+    return replace(by_given_camera, findings=(finding, *by_given_camera.findings))
 
 
 def refuse(recording: Recording, review: Review) -> None:

@@ -105,7 +105,9 @@ class NoiseReport:
     def stated_rms(self) -> float | None:
         """RMS distance, mm, that the stated noise causes; None where none is stated."""
         found = self.findings
-        return None if found.stated is None else float(np.sqrt(found.components) * found.stated)
+        if found.stated is None:
+            return None
+        return float(np.sqrt(found.components) * found.stated)
 
     @property
     def replicates_rms(self) -> float | None:
@@ -198,9 +200,9 @@ def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | Non
     repeated = counts[group] > 1
     sigma = float(np.sqrt(squares.sum() / free))
     size = len(residual) * int(repeated.sum())
-    return (
-        Replicates(sigma, effective_degrees(squares[repeated], free, size)) if sigma > 0 else None
-    )
+    if sigma > 0:
+        return Replicates(sigma, effective_degrees(squares[repeated], free, size))
+    return None
 
 
 def report(found: Findings) -> NoiseReport:
@@ -426,5 +428,8 @@ def _counted(numbers) -> str:
 
 
 def _listed(numbers) -> str:
-    unlisted = f" and {len(numbers) - _NAMED} more" if len(numbers) > _NAMED else ""
+    if len(numbers) > _NAMED:
+        unlisted = f" and {len(numbers) - _NAMED} more"
+    else:
+        unlisted = ""
     return f"number {', '.join(map(str, numbers[:_NAMED]))}{unlisted}"

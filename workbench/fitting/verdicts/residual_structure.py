@@ -150,7 +150,8 @@ def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray)
     chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
     part = model.at(chosen)
     _, rows = part.linearise(parameters)
-    columns = _joint_error_columns(part, parameters, residual[:, chosen].size - len(rows))
+    degrees = residual[:, chosen].size - len(rows)
+    columns = _joint_error_columns(part, parameters, degrees)
     if columns is None:
         return 1.0, 0.0
     root = 1 / part.sigma(parameters)
@@ -175,7 +176,9 @@ def _joint_error_columns(model: Model, parameters: Parameters, degrees: int) -> 
         return None
     columns = np.stack([rows[k] * wave for k, wave in pairs])
     poses = chain.poses_per_sample
-    return columns if poses == 1 else columns.reshape(*columns.shape[:-1], poses, -1).sum(-2)
+    if poses == 1:
+        return columns
+    return columns.reshape(*columns.shape[:-1], poses, -1).sum(-2)
 
 
 def _waves(chain) -> np.ndarray:

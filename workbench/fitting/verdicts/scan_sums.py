@@ -35,7 +35,9 @@ class Largest:
     @property
     def sentence(self) -> str:
         """The largest, and how many more there are."""
-        return f"{self.text}; and {self.count - 1} more" if self.count > 1 else self.text
+        if self.count > 1:
+            return f"{self.text}; and {self.count - 1} more"
+        return self.text
 
 
 @dataclass

@@ -170,7 +170,9 @@ def scanner_verdict(
         or is_mostly_wrong(calibration)
         or is_mostly_stationary(calibration)
     )
-    return _refused(verdict) if is_poor or _poor_camera(calibration.start) else verdict
+    if is_poor or _poor_camera(calibration.start):
+        return _refused(verdict)
+    return verdict
 
 
 def _scanner_verdict(calibration, tolerances, misfit) -> Verdict:
@@ -253,11 +255,10 @@ def _blurred(views) -> list[str]:
     if not blurred:
         return []
     widths = sorted(view.blur_px for view in blurred)
-    width = (
-        f"{widths[0]:.1f}"
-        if widths[-1] - widths[0] < 0.1
-        else f"{widths[0]:.1f} to {widths[-1]:.1f}"
-    )
+    if widths[-1] - widths[0] < 0.1:
+        width = f"{widths[0]:.1f}"
+    else:
+        width = f"{widths[0]:.1f} to {widths[-1]:.1f}"
     names = ", ".join(view.image for view in blurred[:_NAMED_IMAGES])
     ellipsis = ", ..." if len(blurred) > _NAMED_IMAGES else ""
     return [
@@ -377,7 +378,9 @@ def scan_verdict(scan, tolerances: Sequence[Tolerance] = ()) -> Verdict:
     )
     advice = "the calibration of the scanner, the certified radius or the ball's form is off"
     verdict = judge(residual, noise, tolerances, advice)
-    return _refused(verdict) if sums.is_poor or _is_unusable(scan) else verdict
+    if sums.is_poor or _is_unusable(scan):
+        return _refused(verdict)
+    return verdict
 
 
 def scan_warnings(scan) -> list[str]:

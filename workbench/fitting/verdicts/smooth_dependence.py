@@ -48,12 +48,15 @@ def smooth_dependence(model: Model, parameters: Parameters, residual: np.ndarray
         return Structure(1.0, 0.0, ())
     best, names = min(tests, key=lambda test: test[0].p_value)
     p = min(best.p_value * len(tests), 1.0)
-    return Structure(p, best.share, names) if p < _LEVEL else Structure(p, 0.0, ())
+    if p < _LEVEL:
+        return Structure(p, best.share, names)
+    return Structure(p, 0.0, ())
 
 
 def _orthonormal(columns: np.ndarray) -> np.ndarray:
     """(N, r) orthonormal basis of the fitted parameters' columns (N, F)."""
-    basis, values, _ = thin_svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    matrix = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    basis, values, _ = thin_svd(matrix)
     return basis[:, values > 1e-8 * values.max(initial=0)]
 
 
@@ -74,7 +77,9 @@ def _columns(chain, port: np.ndarray, functions: np.ndarray) -> np.ndarray:
     """(P, m, n) derivative by every function (f, n) times every component of a port."""
     columns = (port[:, None] * functions[None, :, None]).reshape(-1, *port.shape[1:])
     poses = chain.poses_per_sample
-    return columns if poses == 1 else columns.reshape(*columns.shape[:-1], poses, -1).sum(-2)
+    if poses == 1:
+        return columns
+    return columns.reshape(*columns.shape[:-1], poses, -1).sum(-2)
 
 
 def _functions(chain):
@@ -85,7 +90,8 @@ def _functions(chain):
     for (first_name, first_columns), (second_name, second_columns) in combinations(variables, 2):
         if JOINTS not in (first_name, second_name):
             continue
-        a, b = first_columns[:_PAIR_TERMS], second_columns[:_PAIR_TERMS]
+        a = first_columns[:_PAIR_TERMS]
+        b = second_columns[:_PAIR_TERMS]
         products = (a[:, None] * b[None]).reshape(-1, a.shape[1])
         yield tuple(dict.fromkeys((first_name, second_name))), np.concatenate([a, b, products])
 

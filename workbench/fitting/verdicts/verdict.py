@@ -167,7 +167,10 @@ def judge(
         (tolerance.value for tolerance in tolerances if tolerance.unit == residual.unit), None
     )
     known = noise is not None and noise.value > 0
-    ratio = residual.value / noise.value if known and math.isfinite(residual.value) else None
+    if known and math.isfinite(residual.value):
+        ratio = residual.value / noise.value
+    else:
+        ratio = None
     passed = None if limit is None else bool(residual.value <= limit)
     phrases = [_against_tolerance(residual, limit), _against_noise(residual, noise, ratio, advice)]
     return Verdict(

@@ -44,7 +44,8 @@ def _permutations(numbers):
         for order in permutations(numbers):
             moved = {a: b for a, b in zip(numbers, order) if a != b}
             if len(moved) > 2:
-                pairs = listed([f"{a} is {b}" for a, b in moved.items()])
+                words = [f"{a} is {b}" for a, b in moved.items()]
+                pairs = listed(words)
                 yield _relabelled(
                     f"numbers {listed(moved)}",
                     f"are exchanged ({pairs})",
@@ -74,7 +75,9 @@ def _relabelled(subject, statement, remedy, moved, mistake_count=1) -> Correctio
 
 def _artefact(cause, statement, remedy, change) -> Correction:
     def apply(robot, recording):
-        balls = {k: (*change(*ball[:3]), ball[3]) for k, ball in recording.balls.items()}
+        balls = {}
+        for k, ball in recording.balls.items():
+            balls[k] = (*change(*ball[:3]), ball[3])
         return robot, replace(recording, balls=balls)
 
     return Correction(cause, "artefact.csv", statement, remedy, frozenset({ARTEFACT}), apply)

@@ -87,7 +87,9 @@ def join(corrections: Iterable[Correction]) -> Correction:
 def listed(words) -> str:
     """'a, b and c'."""
     *leading, last = map(str, words)
-    return f"{', '.join(leading)} and {last}" if leading else last
+    if leading:
+        return f"{', '.join(leading)} and {last}"
+    return last
 
 
 def named_columns(names) -> str:

@@ -40,7 +40,10 @@ def coupling_correction(robot, place: tuple[int, int], ratio: float) -> Correcti
     remedy = f"write {key} under [[joint]] number {joint + 1} of robot.toml"
     if robot.source.startswith(DH_TABLE) and not stated:
         sign = "+" if ratio > 0 else "-"
-        term = f"q{other + 1}" if abs(ratio) == 1 else f"{abs(ratio):g}*q{other + 1}"
+        if abs(ratio) == 1:
+            term = f"q{other + 1}"
+        else:
+            term = f"{abs(ratio):g}*q{other + 1}"
         remedy += f", or {sign} {term} into its theta in the table (q{joint + 1} {sign} {term})"
     if not stated:
         statement = f"lacks its coupling (its angle is {_angle(robot, place, ratio)})"

@@ -82,7 +82,10 @@ def unit_vectors(recording) -> Iterator[Correction]:
 
 def sign_correction(names, mistake_count: int | None = None) -> Correction:
     """Joint columns with the opposite sign; mistake_count: elementary mistakes, one a column unless given."""
-    verb, pronoun = ("has", "it") if len(names) == 1 else ("have", "them")
+    if len(names) == 1:
+        verb, pronoun = "has", "it"
+    else:
+        verb, pronoun = "have", "them"
     numbers = listed([joint_number(name) for name in names])
     return column_correction(
         "joint-sign",

@@ -50,7 +50,9 @@ def _rows_per_pose(recording) -> int:
     if recording.n < 2:
         return 1
     new = np.flatnonzero(np.any(np.diff(recording.joints, axis=0) != 0, axis=1))
-    return int(np.median(np.diff(new))) if len(new) > 1 else 1
+    if len(new) > 1:
+        return int(np.median(np.diff(new)))
+    return 1
 
 
 def _shifted(names, step) -> Correction:

@@ -11,14 +11,18 @@ def constant_columns(recording) -> list[str]:
     """Joint columns with one value only, where at least one other column varies."""
     names = joint_columns(recording.columns)
     constant = [name for name in names if np.ptp(recording.columns[name]) == 0]
-    return constant if len(constant) < len(names) else []
+    if len(constant) < len(names):
+        return constant
+    return []
 
 
 def constant_coordinates(recording) -> list[str]:
     """Measured coordinates with one value only, where at least one other coordinate varies."""
     names = [name for name in POINT if name in recording.columns]
     still = [name for name in names if np.ptp(recording.columns[name]) == 0]
-    return still if len(still) < len(names) else []
+    if len(still) < len(names):
+        return still
+    return []
 
 
 def equal_columns(recording) -> list[tuple[str, str]]:
@@ -57,6 +61,9 @@ def longest_run(recording) -> tuple[str, int, int] | None:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], stuck, [0]]).astype(int)))
         for start, end in zip(edges[::2], edges[1::2]):
             if end - start >= _LEAST_RUN and (best is None or end - start > best[3]):
-                last = moves[end] if end < len(moves) else recording.n - 1
+                if end < len(moves):
+                    last = moves[end]
+                else:
+                    last = recording.n - 1
                 best = name, int(moves[start]), int(last), end - start
     return None if best is None else best[:3]

@@ -134,7 +134,8 @@ def _grid_points(robot, recording) -> list[tuple[tuple[int, int], float]]:
     rows = recording.select(even_rows(recording, _SCREEN_ROWS))
     cases = [(place, ratio) for place in _places(robot) for ratio in _GRID]
     scales = nominal_scales([(_with_ratio(robot, *case), rows) for case in cases])
-    limit, best = _LOWER * nominal_scale(robot, rows), {}
+    limit = _LOWER * nominal_scale(robot, rows)
+    best = {}
     for scale, (place, ratio) in zip(scales, cases):
         if scale < min(limit, best.get(place, (np.inf, 0.0))[0]):
             best[place] = scale, float(ratio)

@@ -66,7 +66,8 @@ def scaled_readings(robot, recording) -> list[Scale]:
 
 def scale_correction(name: str, factor: float, std: float) -> Correction:
     """A column divided by the factor by which it is too large."""
-    number, known = joint_number(name), with_std(factor, std)
+    number = joint_number(name)
+    known = with_std(factor, std)
     value = known.partition(" ")[0]
     return column_correction(
         CAUSE,

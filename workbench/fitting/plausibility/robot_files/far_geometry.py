@@ -75,7 +75,9 @@ def find_far_geometry(robot: Robot, recording) -> FarGeometry | None:
         fit = fit_recording(robot, samples.select(even_rows(samples, _ROWS)))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return None
-    return far_geometry(robot, samples, fit) if np.isfinite(fit.scale) else None
+    if np.isfinite(fit.scale):
+        return far_geometry(robot, samples, fit)
+    return None
 
 
 def far_geometry(robot: Robot, recording, fit: Fit) -> FarGeometry | None:

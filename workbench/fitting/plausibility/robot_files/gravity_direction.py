@@ -90,7 +90,9 @@ def direction_name(direction: np.ndarray) -> str:
 def _axis_of(direction: np.ndarray) -> int | None:
     """Number of the axis of the base along which a direction is, either way; None between the axes."""
     axis = int(np.argmax(np.abs(direction)))
-    return axis if abs(direction[axis]) > 1 - 1e-9 else None
+    if abs(direction[axis]) > 1 - 1e-9:
+        return axis
+    return None
 
 
 def _mount(direction: np.ndarray) -> str:
@@ -114,7 +116,8 @@ def find_gravity(robot, recording, fit: Fit) -> GravityDirection | None:
     best = _best_direction(deflections)
     if _angle_deg(best, robot.gravity) < _SAME_DEG:
         return None
-    errors, stated = deflections.held_out(best), deflections.held_out(robot.gravity)
+    errors = deflections.held_out(best)
+    stated = deflections.held_out(robot.gravity)
     rigid = deflections.held_out(np.zeros(3))
     if not (_is_better(errors, stated) and _is_better(errors, rigid)):
         return None
@@ -319,7 +322,8 @@ def _unit_loads(chain) -> np.ndarray:
     Torques of the stated masses, N m; where the links have none, those of uniform bars in units of the largest one, and
     those of a load that is known.
     """
-    state, is_revolute = chain.state, ~chain.robot.prismatic[:, None]
+    state = chain.state
+    is_revolute = ~chain.robot.prismatic[:, None]
     levers = (state.link_levers.torque + state.load_levers.torque).swapaxes(0, 1)
     levers = chain.robot.drive_torque(levers)
     stated = np.where(is_revolute, levers, 0.0)

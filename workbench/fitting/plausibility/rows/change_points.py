@@ -89,7 +89,9 @@ def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
     best = min(unexplained, key=unexplained.get)
     joints = [place for place in unexplained if place.startswith("joint-")]
     joint = min(joints, key=unexplained.get, default=best)
-    return joint if unexplained[joint] <= allowed * max(unexplained[best], 1e-12) else best
+    if unexplained[joint] <= allowed * max(unexplained[best], 1e-12):
+        return joint
+    return best
 
 
 def _what(place: str, measures: str) -> str:
@@ -102,7 +104,9 @@ def _what(place: str, measures: str) -> str:
 def time_order(recording) -> np.ndarray:
     """(n,) row numbers in order of time, or as they stand where no time is recorded."""
     time = recording.columns.get("time_s")
-    return np.arange(recording.n) if time is None else np.argsort(time, kind="stable")
+    if time is None:
+        return np.arange(recording.n)
+    return np.argsort(time, kind="stable")
 
 
 class _System:
@@ -149,7 +153,9 @@ class _System:
             "cross": np.einsum("amn,fmn->naf", rows_of_place, self.rows),
             "gradient": np.einsum("amn,mn->na", rows_of_place, self.projected),
         }
-        sums = {name: np.cumsum(part[::-1], axis=0)[::-1][splits] for name, part in later.items()}
+        sums = {}
+        for name, part in later.items():
+            sums[name] = np.cumsum(part[::-1], axis=0)[::-1][splits]
         matrix = sums["own"] - sums["cross"] @ self.inverse @ sums["cross"].transpose(0, 2, 1)
         size = np.sqrt(np.maximum(np.einsum("kaa->ka", sums["own"]), 1e-12))
         matrix = matrix / (size[:, :, None] * size[:, None, :]) + 1e-7 * np.eye(len(rows_of_place))
@@ -195,11 +201,15 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     costs = [np.cumsum(np.minimum(part, limit) ** 2) for part in (early, late)]
     split = int(np.argmin(costs[0] + costs[1][-1] - costs[1]))
     before = np.median(early[: split + 1])
-    after = np.median(late[split + 1 :]) if split + 1 < ordered.n else np.inf
+    if split + 1 < ordered.n:
+        after = np.median(late[split + 1 :])
+    else:
+        after = np.inf
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
-    what, ids = _what(place, recording.measures), ordered.sample_ids
+    what = _what(place, recording.measures)
+    ids = ordered.sample_ids
     scale = float(max(before, after))
     return ChangePoint(
         what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift

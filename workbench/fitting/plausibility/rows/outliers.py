@@ -182,14 +182,20 @@ def named_samples(recording, rows, mismatch) -> str:
     ids = [str(i) for i in recording.sample_ids[shown]]
     if mismatch[rows].max() > _ALIKE * mismatch[rows].min():
         ids = [f"{name} ({off:.3g} mm)" for name, off in zip(ids, mismatch[shown])]
-    more = [f"{len(rows) - _NAMED} more"] if len(rows) > _NAMED else []
+    if len(rows) > _NAMED:
+        more = [f"{len(rows) - _NAMED} more"]
+    else:
+        more = []
     return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *more])}"
 
 
 def _other_labels(robot, recording, fit, outliers, near):
     """Rows that fit another ball or another reflector."""
     label = "ball" if recording.measures == "ball-centre" else "reflector"
-    known = sorted(recording.balls) if label == "ball" else np.unique(recording.reflector).tolist()
+    if label == "ball":
+        known = sorted(recording.balls)
+    else:
+        known = np.unique(recording.reflector).tolist()
     if (
         recording.measures not in ("ball-centre", "external-point")
         or len(known) < 2
@@ -211,8 +217,13 @@ def _other_labels(robot, recording, fit, outliers, near):
         return None
     numbers = np.array(known)[distances.argmin(0)]
     old = wrong.columns[label].astype(int)
-    pairs = [f"{i} ({label} {a} for {b})" for i, a, b in zip(wrong.sample_ids, old, numbers)]
-    more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
+    pairs = []
+    for i, a, b in zip(wrong.sample_ids, old, numbers):
+        pairs.append(f"{i} ({label} {a} for {b})")
+    if len(pairs) > _NAMED:
+        more = [f"{len(pairs) - _NAMED} more"]
+    else:
+        more = []
     return Reason(
         f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *more])}",
         f"{label}-labels",
@@ -262,7 +273,8 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
         for c in _TARGETS & set(recording.columns)
     ]
     rows = np.union1d(outliers.rows, np.concatenate([np.zeros(0, int), *targets]))
-    wrong, cells = recording.select(rows), {}
+    wrong = recording.select(rows)
+    cells = {}
     is_outlying = np.isin(rows, outliers.rows)
     names = [*joint_columns(recording.columns), *(c for c in POINT if c in recording.columns)]
     for name, digits in product(names, _LOST_DIGITS):
@@ -277,7 +289,10 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
         f"sample {wrong.sample_ids[k]} fits with {name} {value:.8g} in place of {wrong.columns[name][k]:.8g}"
         for k, (name, value) in sorted(cells.items())
     ]
-    more = [f"{len(sentences) - _NAMED} more"] if len(sentences) > _NAMED else []
+    if len(sentences) > _NAMED:
+        more = [f"{len(sentences) - _NAMED} more"]
+    else:
+        more = []
     rest = len(outliers.rows) - len(cells)
     others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
     return Reason(
@@ -327,10 +342,13 @@ def _interchanged(robot, recording, fit, outliers, near):
     fitting = (gaps.min(1) < near) & (partner != np.arange(len(rows)))
     if fitting.sum() >= max(2, 0.6 * len(rows)):
         ids = recording.sample_ids
-        pairs = [
-            f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}" for k in np.flatnonzero(fitting)
-        ]
-        more = [f"{len(pairs) - _NAMED} more"] if len(pairs) > _NAMED else []
+        pairs = []
+        for k in np.flatnonzero(fitting):
+            pairs.append(f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}")
+        if len(pairs) > _NAMED:
+            more = [f"{len(pairs) - _NAMED} more"]
+        else:
+            more = []
         return Reason(
             f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *more])}",
             "rows-interchanged",

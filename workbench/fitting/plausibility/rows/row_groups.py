@@ -116,7 +116,10 @@ def another_frame(robot, recording, fit: Fit, rows, near: float) -> Reason | Non
         ]
         if places:
             ids = recording.sample_ids[part]
-            which = "they" if len(part) == len(rows) else f"samples {ids[0]} to {ids[-1]} of them"
+            if len(part) == len(rows):
+                which = "they"
+            else:
+                which = f"samples {ids[0]} to {ids[-1]} of them"
             found = ", or with ".join(_PLACES[place] for place in places)
             return Reason(
                 f"{which} fit with {found}; calibrate these rows separately", "moved", False
@@ -229,4 +232,6 @@ def _grown(robot, recording, rows, good: float) -> Group | None:
     except FAILURES:
         return None
     is_large = len(rows) >= _LEAST_SHARE * recording.n and fit.degrees >= _LEAST_DEGREES
-    return Group(fit, mismatch, _AGREE * good) if is_large else None
+    if is_large:
+        return Group(fit, mismatch, _AGREE * good)
+    return None

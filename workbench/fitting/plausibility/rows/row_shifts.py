@@ -81,7 +81,9 @@ def _change_from(
     fits = np.concatenate([costs[first, : change.row], costs[last, change.row :]]) < 1.0
     sections = (fits[: change.row], fits[change.row :])
     is_proven = all(len(part) >= _LEAST_PART and part.mean() > 0.5 for part in sections)
-    return change if is_proven and fits.mean() >= _NEARLY_ALL else None
+    if is_proven and fits.mean() >= _NEARLY_ALL:
+        return change
+    return None
 
 
 def _least_cost_change(costs: np.ndarray, steps: Sequence[int]) -> _Change:
