@@ -48,7 +48,9 @@ def page(inspection: Inspection) -> Page:
 def _lead(inspection: Inspection) -> tuple[str, ...]:
     """The verdict, unless the warning above states it, and what the page is about."""
     scope = "Nothing is fitted: these are properties of the recording alone."
-    return (inspection.sentence, scope) if inspection.is_sufficient else (scope,)
+    if inspection.is_sufficient:
+        return (inspection.sentence, scope)
+    return (scope,)
 
 
 def _numbers(inspection: Inspection) -> Iterator[tuple[str, str, str]]:
@@ -176,9 +178,10 @@ def _repeats(inspection: Inspection):
             )
         )
     drawn.update_layout(barmode="overlay")
-    angle = (
-        "" if np.isnan(repeats.noise_deg) else f", {rounded(repeats.noise_deg)} deg about an axis"
-    )
+    if np.isnan(repeats.noise_deg):
+        angle = ""
+    else:
+        angle = f", {rounded(repeats.noise_deg)} deg about an axis"
     noise = f"{rounded(repeats.noise_mm)} mm (1 σ of a coordinate, pooled over the groups){angle}"
     caption = f"Noise from repeats: {noise}."
     yield figure("repeats", drawn, caption)

@@ -32,6 +32,9 @@ def flat(table: Mapping, prefix: str = "") -> list[tuple[str, str]]:
         if isinstance(value, Mapping):
             lines += flat(value, name + ": ")
         else:
-            joined = " ".join(map(str, value)) if isinstance(value, list | tuple) else value
+            if isinstance(value, list | tuple):
+                joined = " ".join(map(str, value))
+            else:
+                joined = value
             lines.append((name, "" if joined is None else str(joined)))
     return lines

@@ -106,10 +106,9 @@ def thumbnail(path: Path) -> str:
     if image is None or not image.size:
         return ""
     scale = _THUMBNAIL / max(image.shape)
-    small = (
-        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        if scale < 1
-        else image
-    )
+    if scale < 1:
+        small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    else:
+        small = image
     code = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 70])[1]
     return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()

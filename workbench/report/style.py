@@ -45,7 +45,10 @@ def log_axis(low: float, high: float, max_ticks: int = 7) -> dict:
         ticks = [tick for tick in ticks if low <= tick <= high]
         if len(ticks) <= max_ticks:
             break
-    ticks = ticks[:: -(-len(ticks) // max_ticks)] if ticks else [low, high]
+    if ticks:
+        ticks = ticks[:: -(-len(ticks) // max_ticks)]
+    else:
+        ticks = [low, high]
     return dict(
         type="log",
         range=[np.log10(low), np.log10(high)],
@@ -65,7 +68,9 @@ def _log_ends(low: float, high: float) -> tuple[float, float]:
         return 0.1, 10.0
     low = min(usable)
     high = max(usable)
-    return (low, high) if high > low * (1 + 1e-9) else (low / 10**0.5, high * 10**0.5)
+    if high > low * (1 + 1e-9):
+        return (low, high)
+    return (low / 10**0.5, high * 10**0.5)
 
 
 def plain(tick: float) -> str:

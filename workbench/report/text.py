@@ -89,7 +89,9 @@ def joint_label(column: str) -> str:
     name, _, unit = column.partition("_")
     if not (name[:1] == "q" and name[1:].isdecimal()):
         return column
-    return f"joint {name[1:]} ({unit})" if unit else f"joint {name[1:]}"
+    if unit:
+        return f"joint {name[1:]} ({unit})"
+    return f"joint {name[1:]}"
 
 
 _COLUMN = re.compile(r"\b[a-z]\w*_(?:mm|deg|c|kg|s|nm)\b")
@@ -109,7 +111,9 @@ def column_label(column: str) -> str:
     """A column of a table of results: "geometry_test_3kg_mm" -> "geometry test 3kg (mm)"."""
     stem, _, unit = column.rpartition("_")
     known = stem and unit in ("mm", "deg", "px", "um", "kg", "s")
-    return f"{stem} ({unit})".replace("_", " ") if known else column.replace("_", " ")
+    if known:
+        return f"{stem} ({unit})".replace("_", " ")
+    return column.replace("_", " ")
 
 
 def axis_label(axis) -> str:

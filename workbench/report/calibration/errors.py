@@ -94,7 +94,9 @@ def rotation_errors_of(calibration) -> Errors | None:
 
 
 def _root_mean_square(sigma):
-    return None if sigma is None else float(np.sqrt(np.mean(np.square(sigma))))
+    if sigma is None:
+        return None
+    return float(np.sqrt(np.mean(np.square(sigma))))
 
 
 def section(calibration, errors: Errors, rotation: Errors | None = None) -> dict:
@@ -209,7 +211,8 @@ def cumulative(errors: Errors) -> go.Figure:
         line = dict(color=style.ORANGE, width=2, dash="dashdot")
         _add_curve(figure, "noise alone", noise, 100 * share, line, errors.kind.unit)
     ends = np.concatenate([trace.x for trace in figure.data])
-    figure.update_xaxes(style.log_axis(ends[ends > 0].min() / 1.1, ends.max() * 1.1))
+    low = ends[ends > 0].min() / 1.1
+    figure.update_xaxes(style.log_axis(low, ends.max() * 1.1))
     return figure.update_layout(margin_t=84).update_yaxes(range=[0, 101])
 
 
@@ -228,11 +231,9 @@ def _marks(errors, held_out):
 
 def _bins(distance):
     """Number of bins by the rule of Freedman and Diaconis, limited to 10 to 80."""
-    return (
-        int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80))
-        if distance.size
-        else 10
-    )
+    if distance.size:
+        return int(np.clip(len(np.histogram_bin_edges(distance, "fd")) - 1, 10, 80))
+    return 10
 
 
 def _ecdf(distance):

@@ -93,5 +93,8 @@ def caution(calibration) -> str:
 
 
 def _listed_numbers(numbers):
-    unlisted = f" and {len(numbers) - 12} more" if len(numbers) > 12 else ""
+    if len(numbers) > 12:
+        unlisted = f" and {len(numbers) - 12} more"
+    else:
+        unlisted = ""
     return ", ".join(map(str, numbers[:12])) + unlisted

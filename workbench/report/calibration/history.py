@@ -25,7 +25,10 @@ def figure(stages) -> go.Figure:
     start = 0
     for k, stage in enumerate(stages):
         steps = list(range(start, start + len(stage.history)))
-        colour = _COLOURS[k % len(_COLOURS)] if stage.earned else style.GREY
+        if stage.earned:
+            colour = _COLOURS[k % len(_COLOURS)]
+        else:
+            colour = style.GREY
         plot.add_scatter(
             x=steps,
             y=list(stage.history),

@@ -169,7 +169,10 @@ def overview(
 def group_ticks(label: str, numbers: np.ndarray, names: Mapping) -> list[str]:
     """Names of the groups `numbers` of the quantity "reflector (number)", the number where it has no name."""
     known = names.get(label.removesuffix(" (number)"), ())
-    return [known[int(k) - 1] if 0 < k <= len(known) else f"{k:g}" for k in numbers]
+    ticks = []
+    for k in numbers:
+        ticks.append(known[int(k) - 1] if 0 < k <= len(known) else f"{k:g}")
+    return ticks
 
 
 def detail(dependence: ResidualDependence, errors: Errors, drawn: np.ndarray) -> go.Figure:
@@ -252,4 +255,6 @@ def _varies(x):
 
 
 def _percent(share):
-    return "below 1 %" if share < 0.01 else f"{100 * share:.0f} %"
+    if share < 0.01:
+        return "below 1 %"
+    return f"{100 * share:.0f} %"

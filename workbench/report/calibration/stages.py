@@ -89,7 +89,8 @@ def chart(calibration, kind: Kind = POSITION) -> go.Figure:
         categoryarray=[line[0] for line in lines],
         automargin=True,
     )
-    return plot.update_xaxes(**_log_range([line[1] for line in lines] + [line[2] for line in fits]))
+    values = [line[1] for line in lines] + [line[2] for line in fits]
+    return plot.update_xaxes(**_log_range(values))
 
 
 def _lines(calibration, kind: Kind):

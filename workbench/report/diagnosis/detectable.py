@@ -64,7 +64,10 @@ def fold_variants(biases: Sequence[DetectableBias]) -> list[list[DetectableBias]
 def _detectable_row(variants: Sequence[DetectableBias]) -> tuple:
     """One row of the table; of several variants with the range from the smallest to the largest."""
     first = variants[0]
-    label = f"{len(variants)} variants" if len(variants) > 1 else first.label
+    if len(variants) > 1:
+        label = f"{len(variants)} variants"
+    else:
+        label = first.label
     representative = max(
         variants, key=lambda bias: sum(_has_same_alternative(bias, other) for other in variants)
     )
@@ -99,4 +102,6 @@ def _range(values: Sequence[float | None], text: Callable[[float], str]) -> str:
         return "–"
     low = text(min(known))
     high = text(max(known))
-    return low if low == high else f"{low} to {high}"
+    if low == high:
+        return low
+    return f"{low} to {high}"

@@ -350,4 +350,6 @@ def fall(views, name: str) -> float:
 
 def _variance(means: np.ndarray) -> float:
     """Variance of the bin means; 0 without bins."""
-    return float(np.var(means)) if len(means) else 0.0
+    if len(means):
+        return float(np.var(means))
+    return 0.0

@@ -321,7 +321,10 @@ def _lack_of_fit(lack, unit):
 
 
 def _control(term: Term, control):
-    share = "–" if control.share is None else f"{100 * control.share:.1f} %"
+    if control.share is None:
+        share = "–"
+    else:
+        share = f"{100 * control.share:.1f} %"
     return (
         term.title,
         control.kind,

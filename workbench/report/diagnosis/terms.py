@@ -137,7 +137,10 @@ def in_space(plot: Diagnosis) -> go.Figure:
     views = plot.views
     shown = style.thinned(views.points.shape[1])
     lengths = [np.linalg.norm(np.nan_to_num(step.residual[:, shown]), axis=0) for step in steps]
-    top = float(np.percentile(lengths[0], 98)) if lengths[0].size else 1.0
+    if lengths[0].size:
+        top = float(np.percentile(lengths[0], 98))
+    else:
+        top = 1.0
     drawn = go.Figure(layout=dict(template="none", height=540, scene=axes()))
     for k, (step, length) in enumerate(zip(steps, lengths)):
         drawn.add_scatter3d(

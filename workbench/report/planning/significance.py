@@ -23,6 +23,7 @@ def page(found: Significance) -> Page:
         f"Mean change of the end effector when one parameter changes by {step}, over {found.points} {found.place}.",
         f"{found.keys[largest]} moves the position most. Nothing is fitted: only the nominal robot is used.",
     )
+    lines = [("robot", found.robot.name), ("source", found.robot.source)]
     sections = (
         Section("change", "Mean change by an error of each parameter", tuple(_charts(found))),
         Section("ratio", "Sensitivity", tuple(_sensitivity(found))),
@@ -30,7 +31,7 @@ def page(found: Significance) -> Page:
         Section(
             "provenance",
             "Provenance",
-            (facts([("robot", found.robot.name), ("source", found.robot.source)]),),
+            (facts(lines),),
         ),
     )
     return Page(

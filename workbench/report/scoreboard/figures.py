@@ -189,7 +189,10 @@ def summary(board: Board):
         if f.low is not None:
             axes.plot([f.low, f.high], [k, k], color=colour, lw=2, alpha=0.5, solid_capstyle="butt")
         axes.plot(f.value, k, "o", color=colour, ms=6)
-        text = f"{f.value:.2f}" if f.hits is None and "limit" not in f.name else f"{f.value:.1%}"
+        if f.hits is None and "limit" not in f.name:
+            text = f"{f.value:.2f}"
+        else:
+            text = f"{f.value:.1%}"
         axes.annotate(
             f"{text}  (criterion {f.asked})", (1.06, k), va="center", size=8, annotation_clip=False
         )

@@ -118,11 +118,9 @@ def value(figure) -> str:
     """The value of a figure as text; shares in per cent."""
     if figure.value is None:
         return "–"
-    return (
-        f"{figure.value:.1%}"
-        if figure.hits is not None or "limit" in figure.name
-        else f"{figure.value:.2f}"
-    )
+    if figure.hits is not None or "limit" in figure.name:
+        return f"{figure.value:.1%}"
+    return f"{figure.value:.2f}"
 
 
 def interval(figure) -> str:
@@ -140,7 +138,8 @@ def _cases(board):
 
 def _row(row: Mapping) -> list[str]:
     claim = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
-    claim = row["note"] if row["outcome"] == "failed" and row.get("note") else claim
+    if row["outcome"] == "failed" and row.get("note"):
+        claim = row["note"]
     outcome = row["outcome"] + (", confidently wrong" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
     truth = "; ".join(row["concealed"]) or "nothing"
@@ -171,4 +170,6 @@ def _hashes(board):
 def _middle(board) -> float:
     from statistics import median
 
-    return median(row["seconds"] for row in board.rows) if board.rows else 0.0
+    if board.rows:
+        return median(row["seconds"] for row in board.rows)
+    return 0.0

@@ -104,7 +104,10 @@ def _seen(board):
 def _with_interval(axes, x, rows, key, interval, words, colour):
     y = np.array([r[key] for r in rows])
     ends = np.array([r[interval] for r in rows]).reshape(-1, 2).T
-    error_bars = np.maximum([y - ends[0], ends[1] - y], 0) if len(y) else None
+    if len(y):
+        error_bars = np.maximum([y - ends[0], ends[1] - y], 0)
+    else:
+        error_bars = None
     axes.errorbar(x, y, yerr=error_bars, fmt="o-", color=colour, label=words, capsize=2, ms=4)
     axes.legend(frameon=False, loc="lower right", fontsize=9)
 

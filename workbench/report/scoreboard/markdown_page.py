@@ -143,7 +143,9 @@ def _others(board: Board) -> Iterator[str]:
 
 
 def _counted(figure) -> str:
-    return f"{figure.hits} of {figure.cases}" if figure.hits is not None else str(figure.cases)
+    if figure.hits is not None:
+        return f"{figure.hits} of {figure.cases}"
+    return str(figure.cases)
 
 
 def _is_correct(row: Mapping) -> bool:
@@ -160,7 +162,8 @@ def _cases(board: Board) -> Iterator[str]:
 
 def _cells(row: Mapping) -> list[str]:
     claim = "; ".join(row["claims"]) or row.get("verdict") or "no answer"
-    claim = row["note"] if row["outcome"] == "failed" and row.get("note") else claim
+    if row["outcome"] == "failed" and row.get("note"):
+        claim = row["note"]
     outcome = row["outcome"] + (", **confidently wrong**" if row.get("confidently_wrong") else "")
     size = row.get("survives_sigma")
     lengths = [row.get(key) for key in ("before_mm", "after_mm", "oracle_after_mm", "noise_mm")]

@@ -289,7 +289,10 @@ def _models(choice):
         excess = "–"
         if row.excess is not None:
             excess = f"{100 * row.excess:.2g} ± {100 * row.standard_error:.2g}"
-        name = f"{row.model} (chosen)" if row.model == choice.chosen else row.model
+        if row.model == choice.chosen:
+            name = f"{row.model} (chosen)"
+        else:
+            name = row.model
         errors = [
             "–" if value is None else rounded(value) for value in (row.fit_px, row.held_out_px)
         ]
@@ -331,7 +334,9 @@ def _valued(value: float, std: float | None) -> tuple[str, str]:
 
 
 def _with_sigma(value: float, std: float | None) -> str:
-    return " ± ".join(_valued(value, std)) if std else rounded(value, 5)
+    if std:
+        return " ± ".join(_valued(value, std))
+    return rounded(value, 5)
 
 
 def provenance(recording, calibration_run) -> Section:
@@ -339,11 +344,10 @@ def provenance(recording, calibration_run) -> Section:
     from workbench.files.provenance import provenance as of
 
     images = [row["role"] for row in recording.images]
-    roles = (
-        listed([f"{images.count(role)} {role}" for role in dict.fromkeys(images)])
-        if images
-        else "–"
-    )
+    if images:
+        roles = listed([f"{images.count(role)} {role}" for role in dict.fromkeys(images)])
+    else:
+        roles = "–"
     lines = [
         ("recording", recording.name),
         ("measures", recording.measures),

@@ -88,8 +88,12 @@ def rejected(pixels: np.ndarray, wrong: np.ndarray, size: tuple[int, int]) -> go
 
 def enlargement(residual: np.ndarray, size: tuple[int, int]) -> float:
     """Enlargement, 1, 2 or 5 times a power of ten, at which 95 % of the arrows (2, n) px are readable."""
-    length = float(np.percentile(np.linalg.norm(residual, axis=0), 95)) if residual.size else 1.0
-    return arrow_step(_ARROW_SHARE * np.hypot(*size) / max(length, 1e-12))
+    if residual.size:
+        length = float(np.percentile(np.linalg.norm(residual, axis=0), 95))
+    else:
+        length = 1.0
+    wanted = _ARROW_SHARE * np.hypot(*size) / max(length, 1e-12)
+    return arrow_step(wanted)
 
 
 def cells(pixels: np.ndarray, values: np.ndarray, size: tuple[int, int], cell_count: int = 16):

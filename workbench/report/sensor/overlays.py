@@ -46,7 +46,8 @@ def overlays(run, max_images: int = 6) -> list[tuple[str, str]]:
     calibration = run.calibration
     size = max(calibration.camera.size)
     length = float(np.percentile(np.sqrt((calibration.residual**2).sum(0)), 95))
-    scale = arrow_step(_ARROW * size / _LONGEST / max(length, 1e-9))
+    wanted = _ARROW * size / _LONGEST / max(length, 1e-9)
+    scale = arrow_step(wanted)
     found = []
     for k in np.argsort(-calibration.view_rms_px)[:max_images]:
         view = calibration.views[k]

@@ -148,11 +148,12 @@ def _acceptance(scans: Scans):
         if not characteristic.determined:
             missing.append(f"{name}: {characteristic.why}")
             continue
-        value, unit = (
-            (100 * characteristic.value, "%")
-            if characteristic.unit == "1"
-            else (characteristic.value, characteristic.unit.replace("deg C", "°C"))
-        )
+        if characteristic.unit == "1":
+            value = 100 * characteristic.value
+            unit = "%"
+        else:
+            value = characteristic.value
+            unit = characteristic.unit.replace("deg C", "°C")
         rows.append(
             (
                 name,
@@ -277,7 +278,9 @@ def _scans(count: int, names: list[str]) -> str:
     """Names of the first few of `count` scans."""
     if count > _NAMED:
         return f"{count} scans, {', '.join(names[: _NAMED - 1])} and more"
-    return f"Scan {names[0]}" if count == 1 else f"Scans {', '.join(names)}"
+    if count == 1:
+        return f"Scan {names[0]}"
+    return f"Scans {', '.join(names)}"
 
 
 def ball_map(ball: Ball) -> go.Figure:

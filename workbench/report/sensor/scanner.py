@@ -54,13 +54,14 @@ def sections(run: ScannerRun) -> tuple[Section, ...]:
 def lead(run: ScannerRun) -> list[str]:
     """Adjusted quantities and their data basis."""
     calibration = run.calibration
-    kind = (
-        "one mirror model for all planes"
-        if calibration.scanner.mirror is not None
-        else "an independent light plane for every step"
-        if len(calibration.scanner.steps) > 1
-        else "one light plane"
-    )
+    if calibration.scanner.mirror is not None:
+        kind = "one mirror model for all planes"
+    else:
+        kind = (
+            "an independent light plane for every step"
+            if len(calibration.scanner.steps) > 1
+            else "one light plane"
+        )
     points, low, high = int((~calibration.wrong).sum()), *calibration.volume
     board_poses = len(np.unique(calibration.made.board_stripes.labels["placement"]))
     first = (
@@ -104,7 +105,9 @@ def _rejected(run: ScannerRun):
 
 
 def _rms(values) -> float:
-    return float(np.sqrt((values**2).mean())) if values.size else float("nan")
+    if values.size:
+        return float(np.sqrt((values**2).mean()))
+    return float("nan")
 
 
 def _planes(calibration):
@@ -164,7 +167,8 @@ def scene(calibration) -> go.Figure:
     )
     board = calibration.start.board
     rim = board.points[:, [0, board.columns - 1, -1, -board.columns, 0]].T
-    space.lines(plot, space.moved(_poses(calibration.poses), rim), "boards", style.GREY, 2)
+    paths = space.moved(_poses(calibration.poses), rim)
+    space.lines(plot, paths, "boards", style.GREY, 2)
     space.light_planes(
         plot, space.patches(scanner.planes, scanner.camera, low, high), "light planes"
     )

@@ -55,11 +55,10 @@ def points(
 ):
     """Add points (3, n) mm, coloured by values (n,) where they are given."""
     x, y, z = np.round(places, 3)
-    shown = (
-        {}
-        if values is None
-        else dict(color=values, colorscale="Viridis", showscale=True, colorbar=_bar(unit))
-    )
+    if values is None:
+        shown = {}
+    else:
+        shown = dict(color=values, colorscale="Viridis", showscale=True, colorbar=_bar(unit))
     text = "" if values is None else "%{customdata:.4g} " + unit + "<br>"
     plot.add_scatter3d(
         x=x,
@@ -122,7 +121,10 @@ def patches(planes: np.ndarray, camera, near_mm: float, far_mm: float) -> np.nda
     )  # the image axis normal to the light planes
     other = 1 - plane_axis
     size = camera.size[1 - plane_axis]
-    focal, middle = (camera.fx, camera.cx) if other == 0 else (camera.fy, camera.cy)
+    if other == 0:
+        focal, middle = camera.fx, camera.cx
+    else:
+        focal, middle = camera.fy, camera.cy
     corners = np.empty((planes.shape[1], 4, 3))
     for k, (depth, pixel) in enumerate(
         [(near_mm, 0), (near_mm, size), (far_mm, size), (far_mm, 0)]
@@ -138,7 +140,10 @@ def patches(planes: np.ndarray, camera, near_mm: float, far_mm: float) -> np.nda
 def light_planes(plot: go.Figure, corners: np.ndarray, name: str) -> None:
     """Add at most a few of the quadrilaterals (k, 4, 3) mm as translucent surfaces."""
     shown = np.unique(np.linspace(0, len(corners) - 1, min(len(corners), _MOST_PLANES)).astype(int))
-    label = name if len(shown) == len(corners) else f"{name}, {len(shown)} of {len(corners)} drawn"
+    if len(shown) == len(corners):
+        label = name
+    else:
+        label = f"{name}, {len(shown)} of {len(corners)} drawn"
     corners = corners[shown]
     x, y, z = np.round(corners.reshape(-1, 3).T, 3)
     first = 4 * np.arange(len(corners))

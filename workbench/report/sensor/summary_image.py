@@ -116,11 +116,10 @@ def scan(run) -> tuple[Panel, ...]:
         for ball in scan.balls
         if ball.fit
     ]
-    count_note = (
-        f", {len(drawn_scans)} of {len(run.scans):,} scans"
-        if len(drawn_scans) < len(run.scans)
-        else ", scan by scan"
-    )
+    if len(drawn_scans) < len(run.scans):
+        count_note = f", {len(drawn_scans)} of {len(run.scans):,} scans"
+    else:
+        count_note = ", scan by scan"
 
     def form(axes):
         for name, ball in balls[:12]:

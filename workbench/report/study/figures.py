@@ -114,13 +114,14 @@ def stiffen(rows: list[dict]) -> go.Figure:
         np.array([100 * row[f"error_left_{end}"] for row in rows]) for end in ("p5", "p95")
     )
     best = share_left.argmin()
+    color = [style.ORANGE if k == best else style.GREY for k in range(len(rows))]
     plot.add_bar(
         y=[row["joint"].replace("-", " ") for row in rows],
         x=share_left,
         orientation="h",
         showlegend=False,
         marker=dict(
-            color=[style.ORANGE if k == best else style.GREY for k in range(len(rows))],
+            color=color,
             line_width=0,
         ),
         error_x=dict(
@@ -224,7 +225,8 @@ def indices(rows: list[dict]) -> go.Figure:
     plot = style.figure(90 + 52 * len(rows), "share of the variance")
     for key, colour, name in (("total", style.GREY, "total"), ("first", style.BLUE, "first")):
         if key in rows[0]:
-            whiskers = dict(type="data", array=[row[f"{key}_95"] for row in rows], thickness=1.5)
+            array = [row[f"{key}_95"] for row in rows]
+            whiskers = dict(type="data", array=array, thickness=1.5)
             plot.add_bar(
                 y=[row["parameter"] for row in rows],
                 x=[row[key] for row in rows],

@@ -39,11 +39,10 @@ def _lead(study_run, found) -> str:
         "" if study_run.study.scene else f" of {study_run.study.recording}"
     )
     count = len(found["varied"])
-    varied = (
-        f", with {counted(count, 'parameter')} varied ({study_run.study.vary.method})"
-        if count
-        else ""
-    )
+    if count:
+        varied = f", with {counted(count, 'parameter')} varied ({study_run.study.vary.method})"
+    else:
+        varied = ""
     article = "an" if found["kind"][0] in "aeiou" else "a"
     return f"{counted(found['done'], 'run')} of {article} {found['kind']} study: {subject}{varied}."
 
@@ -169,7 +168,10 @@ def _uncertainty(study_run, found):
 def _covered(row, known) -> list[str]:
     """A row of the table of coverage."""
     columns = [("whole", 5), ("whole_std", 2), ("spread", 2), ("ratio", 2)]
-    shares = [rounded(100 * row[key]) for key in ("within_1", "within_2")] if known else []
+    if known:
+        shares = [rounded(100 * row[key]) for key in ("within_1", "within_2")]
+    else:
+        shares = []
     return [row["parameter"], *(rounded(row[key], digits) for key, digits in columns), *shares]
 
 
