@@ -189,12 +189,17 @@ def _stages(plan, chain) -> tuple[Stage, ...]:
         return plan_of_recording(chain)
     if callable(plan):
         return tuple(plan(chain))
-    return read_plan(Path(plan)) if isinstance(plan, str | Path) else tuple(plan)
+    if isinstance(plan, str | Path):
+        return read_plan(Path(plan))
+    return tuple(plan)
 
 
 def _split(recording, fit_samples, test_samples, folds) -> Split:
     everyone = np.ones(recording.n, bool)
-    test = np.isin(recording.sample_ids, test_samples) if test_samples is not None else ~everyone
+    if test_samples is not None:
+        test = np.isin(recording.sample_ids, test_samples)
+    else:
+        test = ~everyone
     fit = rows_to_fit(recording, fit_samples, test_samples)
     if not test.any() and not fit.all():
         test = ~fit
@@ -233,10 +238,12 @@ def _check_degrees_of_freedom(name: str, chosen: Chosen) -> None:
 
     The noise would then be zero, and so would be the errors of left-out poses, which follow the start of their fit.
     """
-    fit, chain = chosen.step.fit, chosen.step.model.chain
+    fit = chosen.step.fit
+    chain = chosen.step.model.chain
     if not chain.sigma_unknown or fit.degrees > 1:
         return
-    coordinates, asked = fit.residual.size, chosen.results[0].free if chosen.results else 0
+    coordinates = fit.residual.size
+    asked = chosen.results[0].free if chosen.results else 0
     min_coordinates = max(2 * asked, 2 * coordinates) // len(fit.residual)
     raise InputError(
         f"recording '{name}': expected more measured coordinates than combinations of parameters, found "

@@ -129,7 +129,10 @@ class Stream:
             rows /= model.chain.sigma
             white = residual / model.chain.sigma
             for k in range(folds):
-                fold_samples = slice(None) if folds == 1 else np.flatnonzero(fold[columns] == k)
+                if folds == 1:
+                    fold_samples = slice(None)
+                else:
+                    fold_samples = np.flatnonzero(fold[columns] == k)
                 flat = rows[:, :, fold_samples].reshape(size, -1)
                 normal[k] += flat @ flat.T
                 gradient[k] += flat @ white[:, fold_samples].ravel()
@@ -162,10 +165,14 @@ class ChunkedCalibration:
         degrees = self.solution.fit.degrees * position.size / self.residual.size
         corrected = (position**2).sum(0) * position.size / max(degrees, 1.0)
         stated = self.stream.stated_sigma
+        if stated is None:
+            test = None
+        else:
+            test = variance_test(position / stated[:3], degrees)
         return report(
             replace(
                 thin,
-                test=None if stated is None else variance_test(position / stated[:3], degrees),
+                test=test,
                 residual=robust_sigma(corrected, len(position)),
                 residual_rms=float(np.sqrt(corrected.mean() / len(position))),
                 degrees=degrees,

@@ -269,7 +269,9 @@ def save(comparison: Comparison, folder: Path) -> None:
     if comparison.measures_orientation:
         errors = np.concatenate([errors, comparison.angles])
         head += [f"{name}_rotation_deg" for name in comparison.names]
-    lines = [[int(i), *(f"{error:.6g}" for error in row)] for i, row in zip(ids, errors.T)]
+    lines = []
+    for i, row in zip(ids, errors.T):
+        lines.append([int(i), *(f"{error:.6g}" for error in row)])
     (folder / "held-out.csv").write_text(csv_text(["sample", *head], lines), encoding="utf-8")
     image(comparison).savefig(folder / "comparison.png", dpi=130)
 

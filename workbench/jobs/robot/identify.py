@@ -79,12 +79,15 @@ def _stage(chain, robot, stage, scale) -> dict:
 
 def _stage_of_plan(chain, upto, plan, scale) -> dict:
     """The last of the stages `upto` with all before it, and with what the whole plan holds."""
-    model = Model(chain, make_effects(CATALOGUE, [row for stage in upto for row in stage.effects]))
+    rows = [row for stage in upto for row in stage.effects]
+    effects = make_effects(CATALOGUE, rows)
+    model = Model(chain, effects)
     start = with_known_values(model.parameters, plan)
     mask = start.matching(*frames_of(start))
     for stage in upto:
         mask |= stage_mask(start, stage, make_effects(CATALOGUE, stage.effects), chain)
-    return _stage_answer(upto[-1], model, start.only(mask & start.mask).nudged(), scale)
+    parameters = start.only(mask & start.mask).nudged()
+    return _stage_answer(upto[-1], model, parameters, scale)
 
 
 def _stage_answer(stage, model, parameters, scale, robot=None) -> dict:

@@ -72,7 +72,10 @@ class Chosen:
             key: None if square is None else float(np.sqrt(square))
             for key, square in squares.items()
         }
-        share = None if doubled is None else float((doubled > found.value).mean())
+        if doubled is None:
+            share = None
+        else:
+            share = float((doubled > found.value).mean())
         return errors | {"share_of_twice_beaten": share} | dict(self.rotation)
 
     def as_json(self) -> dict:
@@ -148,8 +151,12 @@ def choose_poses(
     positions = None if wanted is None else wanted[:, :3]
     options = {"known": known, "repeats": repeats, "bounded": True, "progress": staged(progress)}
     design = choose(rows, n, criterion, positions, seed, **options)
-    rotation = {} if wanted is None else _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
-    picked = _in_rounds(np.bincount(design.chosen, minlength=count)[poses])
+    if wanted is None:
+        rotation = {}
+    else:
+        rotation = _rotation_errors(rows, wanted[:, 3:], known, design.chosen)
+    counts = np.bincount(design.chosen, minlength=count)[poses]
+    picked = _in_rounds(counts)
     everything = everything.free(*held_by_convention(robot))
     identified = identifiability(normal_matrix(model.at(picked), everything), everything)
     samples = tuple(int(i) for end in end_recordings(moving) for i in end.sample_ids[picked])
@@ -286,11 +293,12 @@ def _usable(robot, recording, link_radius, sight):
     for end in end_recordings(recording):
         variables = robot.mixing @ end.joints.T
         reasons = {"beyond a joint's limit": _exceeds_limits(robot, end.joints)}
-        reasons["in which the arm collides with itself"] = (
-            self_clearance(robot, variables, link_radius) < 2 * link_radius
-            if link_radius > 0
-            else np.zeros(recording.n, bool)
-        )
+        if link_radius > 0:
+            reasons["in which the arm collides with itself"] = (
+                self_clearance(robot, variables, link_radius) < 2 * link_radius
+            )
+        else:
+            reasons["in which the arm collides with itself"] = np.zeros(recording.n, bool)
         for why, rows in (reasons | unseen(robot, recording, link_radius, sight)).items():
             remaining[why] = remaining.get(why, 0) + int((rows & ~taken).sum())
             taken |= rows
@@ -312,7 +320,8 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
 
     sample, times = np.unique(np.array(chosen.samples), return_counts=True)
     place = np.searchsorted(sample, chosen.recording.sample_ids).clip(max=len(sample) - 1)
-    rows = _in_rounds(np.where(sample[place] == chosen.recording.sample_ids, times[place], 0))
+    counts = np.where(sample[place] == chosen.recording.sample_ids, times[place], 0)
+    rows = _in_rounds(counts)
     joints = joint_columns(chosen.recording.columns)
     named = [
         k for k in ("sample", "ball", "reflector", "point", "pair") if k in chosen.recording.columns

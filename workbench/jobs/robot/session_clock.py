@@ -81,8 +81,12 @@ def targets_on_session_clock(arm: CalibratedArm, programme):
         return programme, []
     if _TIME not in covariates_read(arm) | considered_covariates(arm):
         return programme, []
-    end, times = arm.fitted_range[_TIME][1], _target_times(arm, programme)
-    late = np.full(len(programme.readings), True) if times is None else times > end
+    end = arm.fitted_range[_TIME][1]
+    times = _target_times(arm, programme)
+    if times is None:
+        late = np.full(len(programme.readings), True)
+    else:
+        late = times > end
     if not late.any():
         return replace(programme, covariates={**programme.covariates, _TIME: times}), []
     known = np.full(len(late), end) if times is None else times
@@ -109,7 +113,8 @@ def _target_times(arm: CalibratedArm, programme) -> np.ndarray | None:
     Times in a table of the recording format count so already; those of a numeric clock whose reading at that row is
     unknown are taken for such times.
     """
-    times, origin = programme.covariates.get(_TIME), programme.table.time_origin
+    times = programme.covariates.get(_TIME)
+    origin = programme.table.time_origin
     if times is None or origin is None:
         return times
     known = arm.keys.get("time_origin")

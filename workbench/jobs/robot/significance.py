@@ -87,11 +87,10 @@ def significance(
     Each parameter is moved alone, so that the projection is the length of the change. Ranges
     that the robot does not state are taken as half a turn each way.
     """
-    variables = (
-        _drawn(robot, points, seed)
-        if readings is None
-        else _random_variables(robot, readings, points, seed)
-    )
+    if readings is None:
+        variables = _drawn(robot, points, seed)
+    else:
+        variables = _random_variables(robot, readings, points, seed)
     keys = tuple(geometry_free(robot))
     places = [
         (int(key[6 : key.index(".")]) - 1, COLUMNS.index(key.split(".")[1].rstrip("0123456789")))
@@ -119,7 +118,10 @@ def robot_called(name: str) -> tuple[Robot, np.ndarray | None]:
     from datasets.reading import bundled
 
     known = {row["name"] for row in datasets.listing()} | set(bundled())
-    folder = Path(name).parent if Path(name).name == "recording.toml" else Path(name)
+    if Path(name).name == "recording.toml":
+        folder = Path(name).parent
+    else:
+        folder = Path(name)
     if not folder.is_dir() and name.partition(":")[0] not in known:
         return _robot(name, known), None
     recording = datasets.read(name)

@@ -98,11 +98,9 @@ def _robot_keys(scene: Scene, path: Path) -> dict:
     if file.suffix.lower() != ".toml":
         return {"builtin": scene.robot}
     keys = read_robot_keys(file)
-    return (
-        keys | {"urdf": str(file.parent / keys["urdf"])}
-        if isinstance(keys.get("urdf"), str)
-        else keys
-    )
+    if isinstance(keys.get("urdf"), str):
+        return keys | {"urdf": str(file.parent / keys["urdf"])}
+    return keys
 
 
 def _without_effects(scene, robot, blank, rng):
@@ -112,11 +110,10 @@ def _without_effects(scene, robot, blank, rng):
     sensor's recording also says at what range.
     """
     seen = np.unique(blank.reflector) - 1
-    at_flange = (
-        np.ravel(np.array(scene.reflectors)[seen])
-        if scene.measures == "external-point"
-        else _pose(scene.tool)
-    )
+    if scene.measures == "external-point":
+        at_flange = np.ravel(np.array(scene.reflectors)[seen])
+    else:
+        at_flange = _pose(scene.tool)
     start = np.concatenate([_pose(scene.base), at_flange])
     model = Model(bind(robot, blank, start))
     geometry = _geometry_errors(scene, model.parameters, rng)
@@ -128,7 +125,8 @@ def _without_effects(scene, robot, blank, rng):
         )
     geometry |= scene.geometry
     residual = model.residual(model.parameters.update(geometry))
-    shown = replace(blank, columns=dict(blank.columns) | model.chain.measurement.columns(residual))
+    columns = dict(blank.columns) | model.chain.measurement.columns(residual)
+    shown = replace(blank, columns=columns)
     if scene.measures == "ball-centre":
         shown = replace(
             shown, columns=shown.columns | {"range_mm": np.linalg.norm(shown.points, axis=1)}
@@ -285,7 +283,10 @@ def _blank(scene, robot, keys, joints, target, rng) -> Recording:
     n = len(joints)
     columns = {"sample": np.arange(n, dtype=float)}
     for k, (row, slides) in enumerate(zip(joints.T, sliding(robot)), 1):
-        columns[f"q{k}_mm" if slides else f"q{k}_deg"] = row if slides else np.rad2deg(row)
+        if slides:
+            columns[f"q{k}_mm" if slides else f"q{k}_deg"] = row
+        else:
+            columns[f"q{k}_mm" if slides else f"q{k}_deg"] = np.rad2deg(row)
     columns["ball" if scene.measures == "ball-centre" else "reflector"] = target.astype(float)
     columns["time_s"] = np.arange(n) * scene.seconds_per_sample
     columns |= _covariates(scene, robot, n, rng)

@@ -107,7 +107,8 @@ def refit(step: Step, nominal: Step, retained: Sequence[Stage], split: Split) ->
     weights = np.ones(residual.shape[1])
     degrees = residual.size - degrees_used
     before = replace(step.fit, residual=residual, weights=weights, degrees=degrees, gradient=None)
-    untested = replace(split, fold=np.full(len(split.fold), -1))
+    fold = np.full(len(split.fold), -1)
+    untested = replace(split, fold=fold)
     return _try(replace(step, fit=before), _merged(retained, nominal), untested)
 
 
@@ -162,7 +163,8 @@ def _merged(stages, nominal: Step) -> Stage:
         effects = make_effects(CATALOGUE, stage.effects)
         mask |= stage_mask(model.parameters, stage, effects, model.chain)
     free = tuple(key for key, wanted in zip(model.parameters.keys, mask) if wanted)
-    first, last = stages[0], stages[-1]
+    first = stages[0]
+    last = stages[-1]
     canonical = first.canonical and last.canonical
     return replace(last, name="result", effects=(), free=free, canonical=canonical)
 
@@ -187,7 +189,9 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
     if fixed:
         wanted = wanted.fix(*fixed)
         trial, part, chain = fit_with_noise(model, split.fit, step.fit, wanted, stage)
-    model, fit, tied = model.with_chain(chain), trial, {}
+    model = model.with_chain(chain)
+    fit = trial
+    tied = {}
     if stage.canonical:
         root = undetermined_root(part, trial)
         free, tied = _canonical(part, trial, wanted, root)
@@ -232,12 +236,16 @@ def _canonical(model, trial: Fit, wanted: Parameters, root: Sequence[str]):
     others = trial.parameters.only(trial.parameters.mask & ~shrunk)
     chosen = others.mask[trial.parameters.mask]
     is_known = trial.gradient is not None
-    normal = trial.normal[np.ix_(chosen, chosen)] if is_known else normal_matrix(model, others)
+    if is_known:
+        normal = trial.normal[np.ix_(chosen, chosen)]
+    else:
+        normal = normal_matrix(model, others)
     redundant = redundant_geometry(model.chain.robot)
     free, tied = independent(normal, others, redundant=redundant)
     tied = {key: [ROOT[key]] for key in root} | tied
     free = free.only((free.mask & ~np.isin(free.keys, root)) | (shrunk & trial.parameters.mask))
-    return replace(free, values=np.where(free.mask, trial.parameters.values, wanted.values)), tied
+    values = np.where(free.mask, trial.parameters.values, wanted.values)
+    return replace(free, values=values), tied
 
 
 def _held_out(model, fit, split, loss, steps, settle=False) -> HeldOut:
@@ -266,7 +274,8 @@ def with_errors_of_result(results, step: Step, held_out: HeldOut) -> tuple[Stage
 
 def _numbers(step: Step, held_out: HeldOut) -> dict:
     """Size and errors of the model of a step, as `StageResult` names them."""
-    errors, rotation = error_summary(step.fit.residual), held_out.rotation_rms
+    errors = error_summary(step.fit.residual)
+    rotation = held_out.rotation_rms
     return {
         "free": step.free,
         "identifiable": step.rank,

@@ -113,7 +113,10 @@ def cartesian_stiffness(
 
 def _drive_twist(robot: Robot, frames: Frames, number: int, point: np.ndarray) -> np.ndarray:
     """(6, n) twist at a point (3, n) per unit of a drive's motion; 0 of a slide, which has no rotation."""
-    moves = np.eye(robot.joints) if robot.coupling is None else robot.coupling
+    if robot.coupling is None:
+        moves = np.eye(robot.joints)
+    else:
+        moves = robot.coupling
     twist = np.zeros((6, point.shape[1]))
     for joint in np.flatnonzero(moves[:, number - 1]):
         if not robot.prismatic[joint]:
@@ -149,7 +152,10 @@ def _transverse_directions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two unit axes (3, n) across `direction`: the hint that is farthest from it, cleared of it, and their product."""
     shares = np.stack([np.abs((hint * direction).sum(0)) for hint in hints])
-    hint = np.choose(np.argmin(shares, 0), hints) if len(hints) > 1 else hints[0]
+    if len(hints) > 1:
+        hint = np.choose(np.argmin(shares, 0), hints)
+    else:
+        hint = hints[0]
     first = hint - direction * (hint * direction).sum(0)
     first = first / np.sqrt((first**2).sum(0))
     return first, np.cross(direction, first, axis=0)

@@ -186,7 +186,10 @@ class _Combined:
         if not self._kept.determined:
             return self._kept
         mean = self._kept.name in ("rejected", "temperature")
-        value = float(self._sum / self._n) if mean else self._kept.value
+        if mean:
+            value = float(self._sum / self._n)
+        else:
+            value = self._kept.value
         return replace(self._kept, value=value, n=self._n, parts=single_results)
 
 

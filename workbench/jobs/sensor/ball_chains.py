@@ -92,9 +92,10 @@ def _arcs(recording, scanner: Scanner, rows, depth, light) -> list[_Arc]:
     )
     arcs = []
     for fit, number in zip(found, numbers):
-        radius = (
-            recording.balls[number][3] if number else min(radii, key=lambda r: abs(r - fit.radius))
-        )
+        if number:
+            radius = recording.balls[number][3]
+        else:
+            radius = min(radii, key=lambda r: abs(r - fit.radius))
         seen = {"pixels": pixels, "step": step, "sigma": sigma, "covariates": covariates}
         arc = _arc(plain, seen, shape, points, fit, radius, number or 0, light)
         arcs += [] if arc is None else [arc]
@@ -105,7 +106,10 @@ def _stripes(recording, scanner, rows, depth):
     """Pixels (2, n), steps, sigma (n,), line (3, n) (as of `SurfaceLine.centre_bias`, and peak in grey values) and
     covariates (n,) of a scan's stripes."""
     paths = [path_of(recording, row) for row in rows]
-    scan_axis = "rows" if abs(scanner.scan[0]) >= abs(scanner.scan[1]) else "columns"
+    if abs(scanner.scan[0]) >= abs(scanner.scan[1]):
+        scan_axis = "rows"
+    else:
+        scan_axis = "columns"
     blocks, first = [], 0
     for stack in stacks(paths, _FRAMES, {p: str(row["image"]) for p, row in zip(paths, rows)}.get):
         found = find_stripes(stack, scan_axis, saturation=depth)
@@ -204,11 +208,12 @@ def _blocks(chain: Balls, size: int) -> Balls:
 
     first = np.unique(block, return_index=True)[1]
     values = chain.parameters.values
+    labels = {name: label[first] for name, label in chain.labels.items()}
     joined = replace(
         chain,
         pixels=np.stack([mean(row) for row in chain.pixels]),
         sigma=total[None] ** -0.5,
-        labels={name: label[first] for name, label in chain.labels.items()},
+        labels=labels,
         covariates={name: mean(column) for name, column in chain.covariates.items()},
     )
     missing = mean(chain.evaluate(values, {}).residual[0] * chain.gain) / joined.gain

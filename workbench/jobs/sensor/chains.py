@@ -180,7 +180,9 @@ def _commanded(stripes, steps) -> np.ndarray | None:
     """(S,) rad of the steps as commanded, None where images.csv does not say."""
     selected = stripes.at(np.isin(stripes.step, steps))
     angles = selected.angles(steps)
-    return None if angles is None or np.ptp(angles) < _MIN_ROTATION else angles
+    if angles is None or np.ptp(angles) < _MIN_ROTATION:
+        return None
+    return angles
 
 
 def with_mirror(
@@ -241,7 +243,9 @@ def measured(
                 chain,
                 pixels=chain.pixels + chain.scan * np.clip(-miss / slope, -_FARTHEST, _FARTHEST),
             )
-    return replace(chain, _kept_state=None) if len(miss) == 2 else chain
+    if len(miss) == 2:
+        return replace(chain, _kept_state=None)
+    return chain
 
 
 def noiseless(chain) -> Corners | BoardStripeChain | Balls:

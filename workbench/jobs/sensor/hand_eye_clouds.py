@@ -49,8 +49,12 @@ def from_clouds(
     centres = np.stack([fit.centre for fit in fits], axis=1)
     sigma = float(np.sqrt(np.mean([(fit.std[:3] ** 2).mean() for fit in fits])))
     data = Centres(centres, flange[first], np.zeros(len(labels), int), sigma)
-    size = radius if radius is not None else float(np.mean([fit.radius for fit in fits]))
-    hand_eye = hand_eye_from_centres(data, size, np.array([fit.rms for fit in fits]))
+    if radius is not None:
+        size = radius
+    else:
+        size = float(np.mean([fit.radius for fit in fits]))
+    residual_mm = np.array([fit.rms for fit in fits])
+    hand_eye = hand_eye_from_centres(data, size, residual_mm)
     return hand_eye, flange[first], tuple(f"pose {label:g}" for label in labels)
 
 
@@ -62,9 +66,13 @@ def from_ball_centres(
     progress(f"hand-eye from {recording.n} centres of {len(numbers)} balls")
     known: Mapping = recording.balls or {}
     first = known.get(int(numbers[0]))
-    sigma = np.nan if recording.sigma is None else float(np.sqrt(np.mean(recording.sigma**2)))
+    if recording.sigma is None:
+        sigma = np.nan
+    else:
+        sigma = float(np.sqrt(np.mean(recording.sigma**2)))
     data = Centres(recording.points.T, flange, label, sigma)
-    hand_eye = hand_eye_from_centres(data, float("nan") if first is None else float(first[3]))
+    radius = float("nan") if first is None else float(first[3])
+    hand_eye = hand_eye_from_centres(data, radius)
     _check_unit_of_centres(recording, data, hand_eye)
     return hand_eye, flange, tuple(f"sample {number:g}" for number in recording.sample_ids)
 
@@ -95,7 +103,8 @@ def _check_unit_of_centres(recording: Recording, data: Centres, hand_eye: HandEy
     what, keep = ("points", "points keep") if data.is_stationary else ("ball centres", "balls keep")
     rms = hand_eye.fit["rms_mm"]
     for name, factor in _UNITS.items():
-        other = hand_eye_from_centres(replace(data, points=factor * data.points), hand_eye.radius)
+        centres = replace(data, points=factor * data.points)
+        other = hand_eye_from_centres(centres, hand_eye.radius)
         if other.fit["rms_mm"] < _BETTER * rms:
             raise InputError(
                 f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected {what} in mm, found that the "
@@ -114,7 +123,10 @@ def _ball(recording, points, radius, label):
     fit = fit_ball(points, radius=radius)
     if fit:
         return fit
-    why = max(refused, key=lambda refusal: refusal.points).sentence if refused else fit.outcome
+    if refused:
+        why = max(refused, key=lambda refusal: refusal.points).sentence
+    else:
+        why = fit.outcome
     raise InputError(
         f"{recording.name}, samples.csv, pose {label:g}: expected points on a ball, found none in "
         f"{points.shape[1]} points ({why}); take the pose out or scan the ball again"
@@ -125,7 +137,10 @@ def check_unit(recording: Recording, points: np.ndarray, radius: float | None) -
     """InputError where points (3, n) of a ball are in metres, judged by its certified radius (mm)."""
     points = points[:, np.isfinite(points).all(0)]
     reach = float(np.linalg.norm(points, axis=0).max(initial=0.0))
-    size = float(np.ptp(points, axis=1).max()) if points.size else 0.0
+    if points.size:
+        size = float(np.ptp(points, axis=1).max())
+    else:
+        size = 0.0
     if radius is None or not 0 < size < 2 * radius / _METRES * (1 + _AGREES):
         return
     raise InputError(

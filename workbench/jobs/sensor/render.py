@@ -64,7 +64,8 @@ def sensor_poses(arm: Truth) -> np.ndarray:
     """(n, 4, 4) T_artefact_sensor, mm: the true arm with all its effects, and its hand-eye."""
     model, values = arm.model, arm.parameters.values
     frames = model.evaluate(arm.parameters).frames
-    flange = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+    rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
+    flange = transform(rotation, frames.end_origin.T)
     _, _, tool = model.chain.split(values[: len(model.chain.parameters)])
     return flange @ transform(rotation_matrix(tool[3:6]), tool[:3])
 

@@ -129,7 +129,8 @@ def _with_expected_scatter(motion: Motion, points, pose, fit: BallFit) -> BallFi
         "in,kin->kn", outward, motion.own_moves(points[:, used], pose_of_point)
     )
     stated = np.einsum("kn,kl,ln->n", normal_moves, motion.own_covariance, normal_moves).mean()
-    return replace(fit, sigma_scale=fit.rms / max(np.sqrt(noise + stated), 1e-9))
+    sigma_scale = fit.rms / max(np.sqrt(noise + stated), 1e-9)
+    return replace(fit, sigma_scale=sigma_scale)
 
 
 def _with_radius_errors(

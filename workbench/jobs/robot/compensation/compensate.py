@@ -104,8 +104,10 @@ def compensate(
         found = _nominal_readings(arm.robot, found, target, anywhere, task)
         if anywhere:
             found = nearest_revolutions(arm.robot, found, _turn_reference(arm, readings))
-    position, rotation = pose_sizes(_deviation(model_at(arm, found, target, covariates), arm, task))
-    best, smallest = found, np.full(len(found), np.inf)
+    error = _deviation(model_at(arm, found, target, covariates), arm, task)
+    position, rotation = pose_sizes(error)
+    best = found
+    smallest = np.full(len(found), np.inf)
     for done in range(_STEPS):
         progress(done, _STEPS)
         step, movable = _reading_step(model_at(arm, found, target, covariates), arm, task)
@@ -184,7 +186,9 @@ def considered_covariates(arm: CalibratedArm) -> frozenset[str]:
 
 def _watched(arm: CalibratedArm) -> tuple[Model, "_Recorder"]:
     """The arm at one pose, each recorded column in the middle of its range, and the columns, which note their use."""
-    middle = {name: np.array([(low + high) / 2]) for name, (low, high) in arm.fitted_range.items()}
+    middle = {}
+    for name, (low, high) in arm.fitted_range.items():
+        middle[name] = np.array([(low + high) / 2])
     model = model_at(arm, np.zeros((1, arm.robot.mixing.shape[1])), np.eye(4)[None], middle)
     columns = _Recorder(model.chain.state.covariates)
     state = replace(model.chain.state, covariates=columns)

@@ -62,7 +62,8 @@ def _of_kuka(status: str | None, turn: str | None) -> ConfigurationData:
         sides = (_side(int(status) & 1), _side(int(status) & 2), _side(int(status) & 4))
     if turn is not None:
         for k in range(_JOINTS):
-            _set_sign(low, high, k, bool(int(turn) >> k & 1))
+            is_negative = bool(int(turn) >> k & 1)
+            _set_sign(low, high, k, is_negative)
         sides = (sides[0], sides[1], _side(int(turn) & 16))
     _set_sign_of_fifth(low, high, sides[2])
     return ConfigurationData("KUKA", low, high, sides)

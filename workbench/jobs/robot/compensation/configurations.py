@@ -80,7 +80,10 @@ def _nearest_readings(poses: np.ndarray, robot: Robot, name: str) -> np.ndarray:
     import datasets
 
     recording = datasets.read(name, False)
-    recorded = recording.joints[recording.moving] if recording.n else np.empty((0, 0))
+    if recording.n:
+        recorded = recording.joints[recording.moving]
+    else:
+        recorded = np.empty((0, 0))
     if recorded.size == 0 or recorded.shape[1] != robot.mixing.shape[1]:
         raise InputError(
             f"--start {name}: expected a recording with {robot.mixing.shape[1]} joint readings, found "
@@ -183,5 +186,8 @@ def _far_turns(robot: Robot, readings: np.ndarray) -> list[str]:
 
 
 def _listed_places(places: Sequence[str]) -> str:
-    unlisted = f" and {len(places) - _NAMED} more times" if len(places) > _NAMED else ""
+    if len(places) > _NAMED:
+        unlisted = f" and {len(places) - _NAMED} more times"
+    else:
+        unlisted = ""
     return "; ".join(places[:_NAMED]) + unlisted

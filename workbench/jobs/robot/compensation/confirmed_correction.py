@@ -26,7 +26,8 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
     if measured_mm is None or readings is None or has_moved:
         return LARGEST_MM, LARGEST_DEG
     middle = {name: sum(ends) / 2 for name, ends in arm.fitted_range.items()}
-    actual, nominal = actual_poses(arm, readings, middle), nominal_poses(arm.robot, readings)
+    actual = actual_poses(arm, readings, middle)
+    nominal = nominal_poses(arm.robot, readings)
     point = Task.of(arm.robot, arm.values).point
     if _aligned_rms_mm(actual, nominal, point) > _MARGIN * measured_mm:
         return LARGEST_MM, LARGEST_DEG
@@ -51,7 +52,8 @@ def _recorded_readings(arm: CalibratedArm) -> np.ndarray | None:
 def _aligned_rms_mm(actual: np.ndarray, nominal: np.ndarray, point: np.ndarray) -> float:
     """RMS distance of a point on the tool between poses (n, 4, 4), after a fit of base and tool, linearised."""
     tool = np.append(point, 1.0)
-    actual_points, nominal_points = (actual @ tool)[:, :3], (nominal @ tool)[:, :3]
+    actual_points = (actual @ tool)[:, :3]
+    nominal_points = (nominal @ tool)[:, :3]
     centred = nominal_points - nominal_points.mean(0)
     shifts = np.broadcast_to(np.eye(3), (len(nominal_points), 3, 3))
     size = max(float(np.abs(centred).max()), 1.0)

@@ -141,10 +141,8 @@ def doubt_about(arm: CalibratedArm, limits: Limits) -> str:
 
 def _implausible_error(arm: CalibratedArm, limits: Limits) -> str:
     """A held-out error that no use of the corrections can tolerate."""
-    largest_mm, largest_deg = (
-        limits.correction_mm or LARGEST_MM,
-        limits.correction_deg or LARGEST_DEG,
-    )
+    largest_mm = limits.correction_mm or LARGEST_MM
+    largest_deg = limits.correction_deg or LARGEST_DEG
     if arm.held_out_mm > largest_mm:
         return (
             f"its held-out RMS position error of {arm.held_out_mm:.3g} mm is above the largest correction of "
@@ -179,7 +177,8 @@ def parameter_deviations(arm: CalibratedArm) -> dict[str, float]:
         if key in geometry:
             nominal, prior = geometry[key]
         elif key.startswith(acting) and recorded.get(key):
-            nominal, prior = 0.0, float(recorded[key])
+            nominal = 0.0
+            prior = float(recorded[key])
         else:
             continue
         if variance < (_DETERMINED * prior) ** 2:
@@ -214,7 +213,9 @@ def _amount(arm: CalibratedArm, key: str) -> str:
     deviation = arm.values[key] - nominal
     if name in ("theta", "alpha", "beta"):
         return f"{np.rad2deg(deviation):.3g} deg"
-    return f"{deviation:.3g} mm" if name in ("a", "d") else f"{deviation:.3g}"
+    if name in ("a", "d"):
+        return f"{deviation:.3g} mm"
+    return f"{deviation:.3g}"
 
 
 def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
@@ -414,9 +415,10 @@ class _Coverage:
         if not rows.any():
             return []
         numbers = [str(k + 1) for k in np.flatnonzero(rows)]
-        unlisted = (
-            f" and {len(numbers) - _NAMED_TARGETS} more" if len(numbers) > _NAMED_TARGETS else ""
-        )
+        if len(numbers) > _NAMED_TARGETS:
+            unlisted = f" and {len(numbers) - _NAMED_TARGETS} more"
+        else:
+            unlisted = ""
         meaning = (
             "the correction extrapolates"
             if self.is_read
@@ -472,7 +474,10 @@ def _joints(arm, found):
         if name not in arm.fitted_range:
             continue
         low, high = arm.fitted_range[name]
-        values = found.readings[:, k] if slides else np.rad2deg(found.readings[:, k])
+        if slides:
+            values = found.readings[:, k]
+        else:
+            values = np.rad2deg(found.readings[:, k])
         min_extent = _LEAST_SLIDE if slides else np.rad2deg(_LEAST_TURN)
         excess = _excess(values, low, high, max(high - low, min_extent))
         yield _Coverage(name, values, low, high, name.rpartition("_")[2], excess, True)

@@ -25,7 +25,10 @@ def elapsed_time_words(arm: CalibratedArm, found, covariates) -> list[str]:
     columns = {name: np.broadcast_to(v, rows.shape)[rows] for name, v in covariates.items()}
     is_late = columns[CLOCK].max() > end
     wait = _SHARE * (end - start)
-    times = columns[CLOCK] if is_late else np.full(rows.sum(), end + wait)
+    if is_late:
+        times = columns[CLOCK]
+    else:
+        times = np.full(rows.sum(), end + wait)
     at_end, later = (
         _extrapolation(arm, found.readings[rows], columns | {CLOCK: known})
         for known in (np.minimum(times, end), times)

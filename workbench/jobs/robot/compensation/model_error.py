@@ -63,7 +63,9 @@ def model_error_mm(arm: CalibratedArm) -> float | None:
 def remaining_error_mm(arm: CalibratedArm) -> float:
     """RMS mm that a target has apart from `sigma_mm`: the error of the model, with the noise where that is unknown."""
     error = model_error_mm(arm)
-    return _remaining_sigma(arm.held_out_mm, _considered(arm)) if error is None else error
+    if error is None:
+        return _remaining_sigma(arm.held_out_mm, _considered(arm))
+    return error
 
 
 def _remaining_sigma(total: float, *components: float) -> float:
@@ -83,9 +85,9 @@ def _of_parameters(arm: CalibratedArm, noise: float) -> float:
         return 0.0
     priors = arm.keys.get("priors", {})
     variances = np.diag(arm.covariance)
-    shares = [
-        v / priors[key] ** 2 if priors.get(key) else 0.0 for key, v in zip(arm.free, variances)
-    ]
+    shares = []
+    for key, v in zip(arm.free, variances):
+        shares.append(v / priors[key] ** 2 if priors.get(key) else 0.0)
     effective = sum(max(1.0 - share, 0.0) for share in shares)
     return noise * math.sqrt(effective / (3 * samples))
 
@@ -122,17 +124,22 @@ def noise_factor(arm: CalibratedArm, sigma: np.ndarray) -> float:
 
     sigma: mm, what another recording states for each coordinate.
     """
-    factor, known = arm.keys.get("noise_factor"), arm.keys.get("noise_rms_mm")
+    factor = arm.keys.get("noise_factor")
+    known = arm.keys.get("noise_rms_mm")
     if not factor or not known:
         return 1.0
     stated = math.sqrt(3 * float(np.mean(np.square(sigma))))
-    return float(factor) if math.isclose(stated, known, rel_tol=_SAME_SIGMA) else 1.0
+    if math.isclose(stated, known, rel_tol=_SAME_SIGMA):
+        return float(factor)
+    return 1.0
 
 
 def stated_source(arm: CalibratedArm, sigma: np.ndarray) -> str:
     """Source of the noise of another recording, in words: stated, or stated times the factor of a diagnosis."""
     factor = noise_factor(arm, sigma)
-    return STATED if factor == 1 else f"{STATED}, times {factor:.3g} as the diagnosis found"
+    if factor == 1:
+        return STATED
+    return f"{STATED}, times {factor:.3g} as the diagnosis found"
 
 
 __all__ = [

@@ -51,7 +51,8 @@ def point_uncertainty(model: Model, arm: CalibratedArm, recorded: Model | None) 
     """
     point = seen_point(arm)
     rows, covariance, parameters = position_derivative(model, arm, point)
-    places, offset = _places(model, parameters), model.residual(parameters)[:3]
+    places = _places(model, parameters)
+    offset = model.residual(parameters)[:3]
     if point is None or recorded is None:
         return PointUncertainty(offset, _variances(rows, covariance), parameters, places)
     # two points show the rotation of the tool, too: the balls are all at one place
@@ -156,7 +157,11 @@ def _hand_eye_rotation_rows(arm, frames, point: np.ndarray) -> dict[str, np.ndar
     turned = _hand_eye(arm)[1] @ point
     vector = np.array([arm.values[key] for key in _HAND_EYE[3:]])
     by_rotation = flange_matrices(frames) @ -skew(turned) @ left_jacobian(vector)
-    return {key: by_rotation[:, :, k].T for k, key in enumerate(_HAND_EYE[3:]) if key in arm.free}
+    rows = {}
+    for k, key in enumerate(_HAND_EYE[3:]):
+        if key in arm.free:
+            rows[key] = by_rotation[:, :, k].T
+    return rows
 
 
 def _hand_eye(arm: CalibratedArm) -> tuple[np.ndarray, np.ndarray]:

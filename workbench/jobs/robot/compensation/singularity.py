@@ -33,7 +33,9 @@ def singular_joint(robot: Robot, reading: np.ndarray) -> int | None:
 def reading_words(robot: Robot, reading: np.ndarray, joint: int) -> str:
     """Value and unit of one joint's reading, as people read it."""
     value = reading[joint - 1]
-    return f"{value:.4g} mm" if sliding(robot)[joint - 1] else f"{np.rad2deg(value):.3g} deg"
+    if sliding(robot)[joint - 1]:
+        return f"{value:.4g} mm"
+    return f"{np.rad2deg(value):.3g} deg"
 
 
 def _steps(robot) -> np.ndarray:

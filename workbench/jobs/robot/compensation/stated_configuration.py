@@ -92,12 +92,15 @@ def with_stated_configuration(programme, arm: CalibratedArm) -> tuple:
 
 def _count_poses(programme) -> int:
     is_joint = programme.is_joint
-    return len(programme.readings) if is_joint is None else int((~is_joint).sum())
+    if is_joint is None:
+        return len(programme.readings)
+    return int((~is_joint).sum())
 
 
 def _as_counted(data: Sequence[ConfigurationData], programme, robot: Robot) -> _Wanted:
     """Configurations according to the controller: of readings as recorded, or changed as [controller] states."""
-    signs, zeros = np.ones(_JOINTS), np.zeros(_JOINTS)
+    signs = np.ones(_JOINTS)
+    zeros = np.zeros(_JOINTS)
     if programme.controller is not None:
         signs = np.array(programme.controller.joint_signs, float)
         zeros = np.array(programme.controller.joint_zeros_deg)
@@ -232,7 +235,10 @@ def _sentences(column, rows, is_found) -> list[str]:
         )
     if not is_found.all():
         missing = [str(row + 1) for row in rows[~is_found]]
-        unlisted = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        if len(missing) > _NAMED:
+            unlisted = f" and {len(missing) - _NAMED} more"
+        else:
+            unlisted = ""
         notes.append(
             f"No joint readings of the nominal arm in the stated configuration ({column[rows[~is_found][0]]}) reach "
             f"position {', '.join(missing[:_NAMED])}{unlisted}: another configuration is taken. Check these data."

@@ -41,7 +41,9 @@ def _check_angles(arm: CalibratedArm, programme, readings: np.ndarray) -> None:
     """readings (n, R) rad, mm: not radians that are read as degrees."""
     low, high = _recorded_ends(arm)
     turns = ~sliding(arm.robot) & np.isfinite(low)
-    readings, low, high = readings[:, turns], low[turns], high[turns]
+    readings = readings[:, turns]
+    low = low[turns]
+    high = high[turns]
     if not readings.size:
         return
     slack = _SLACK * (high - low)

@@ -23,7 +23,9 @@ def only_stated_load(arm: CalibratedArm, programme) -> float:
     It is taken to be the load of the recording, which the estimated parameters contain.
     """
     loads = np.unique(programme.covariates.get(LOAD, 0.0))
-    return float(loads[0]) if is_load_unrecorded(arm) and len(loads) == 1 else 0.0
+    if is_load_unrecorded(arm) and len(loads) == 1:
+        return float(loads[0])
+    return 0.0
 
 
 def compensate_programme(arm: CalibratedArm, programme, covariates, progress=None) -> Compensated:
