@@ -137,7 +137,10 @@ def import_recording(
     )
     write_mapping(_movable(built.mapping, folder), folder / MAPPING_FILE, comment)
     called = found.called
-    dropped = () if found.table is None else unused_rotation_sentences(found.table, built.mapping)
+    if found.table is None:
+        dropped = ()
+    else:
+        dropped = unused_rotation_sentences(found.table, built.mapping)
     user_words = _UserWords(called, built.mapping)
     needs = coverage_needs(read)
     required = [need.sentence for need in needs if need.is_required]
@@ -171,7 +174,9 @@ class _UserWords:
 def file_columns(found: Found) -> tuple[str, ...]:
     """The column with names of images or clouds; () where none has them."""
     files = found.source.images or found.source.clouds
-    return file_link(files, found.table)[0] if files else ()
+    if files:
+        return file_link(files, found.table)[0]
+    return ()
 
 
 def _movable(mapping: Mapping, folder: Path) -> Mapping:

@@ -111,7 +111,10 @@ def _copied_rows(recording, lines: np.ndarray) -> tuple[str, ...]:
         return ()
     # a row of the table with several reflectors makes several samples
     pairs = list(dict.fromkeys(f"{lines[row]} = {lines[first[row]]}" for row in copies))
-    unlisted = f" and {len(pairs) - _NAMED_ROWS} more" if len(pairs) > _NAMED_ROWS else ""
+    if len(pairs) > _NAMED_ROWS:
+        unlisted = f" and {len(pairs) - _NAMED_ROWS} more"
+    else:
+        unlisted = ""
     statement = (
         "1 row is an exact copy" if len(pairs) == 1 else f"{len(pairs)} rows are exact copies"
     )
@@ -130,9 +133,13 @@ def _with_lines(suspicion: Suspicion, recording, lines: np.ndarray) -> str:
         return suspicion.sentence
     # a row of the table with several reflectors makes several samples
     named = list(dict.fromkeys(lines[rows].astype(str).tolist()))
-    unlisted = [f"{len(named) - _NAMED_ROWS} more"] if len(named) > _NAMED_ROWS else []
+    if len(named) > _NAMED_ROWS:
+        unlisted = [f"{len(named) - _NAMED_ROWS} more"]
+    else:
+        unlisted = []
     noun = "rows" if len(named) > 1 else "row"
-    return f"{suspicion.sentence} In the file: {noun} {listed([*named[:_NAMED_ROWS], *unlisted])}."
+    words = [*named[:_NAMED_ROWS], *unlisted]
+    return f"{suspicion.sentence} In the file: {noun} {listed(words)}."
 
 
 def _with_share(suspicion: Suspicion, best: CandidateFit | None) -> str:

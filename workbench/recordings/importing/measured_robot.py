@@ -102,11 +102,10 @@ def import_table(found, options, progress) -> Made:
     clocks = decided.clocks
     with _clocks_named(clocks):
         imported = _finished(decided, found, options)
-    warnings = (
-        (*imported.suspicions, clocks.sentence)
-        if clocks is not None and clocks.is_doubt
-        else imported.suspicions
-    )
+    if clocks is not None and clocks.is_doubt:
+        warnings = (*imported.suspicions, clocks.sentence)
+    else:
+        warnings = imported.suspicions
     return replace(imported, suspicions=warnings)
 
 
@@ -208,7 +207,9 @@ def _with_labels(
         return min(found, key=lambda one: one.improbability, default=None)
 
     found = best_labels(rows, mapping, fit)
-    return (mapping, ()) if found is None else (found.mapping, (label_sentence(rows, found),))
+    if found is None:
+        return (mapping, ())
+    return (found.mapping, (label_sentence(rows, found),))
 
 
 def _decided(table: RawTable, mapping: Mapping, candidates, options, progress) -> DecidedTable:
@@ -419,7 +420,8 @@ def _proposed_columns(robot, mapping: Mapping, table: RawTable) -> list[str]:
         return (known + ["?"] * len(slides))[: len(slides)]
     units = {name: read_header(name).unit for name in table.columns if not is_mapped(mapping, name)}
     lengths = [name for name, unit in units.items() if unit in LENGTHS]
-    lengths = lengths if len(lengths) == int(slides.sum()) else ["?"] * int(slides.sum())
+    if len(lengths) != int(slides.sum()):
+        lengths = ["?"] * int(slides.sum())
     return [(lengths if slide else known).pop(0) for slide in slides]
 
 

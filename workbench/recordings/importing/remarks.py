@@ -36,7 +36,10 @@ def unused_sentence(table: RawTable | None, unused: tuple[str, ...]) -> str:
     if not names:
         return ""
     shown = ", ".join(f"'{name}'" for name in names[: 2 * _SHOWN])
-    unlisted = f" and {len(names) - 2 * _SHOWN} more" if len(names) > 2 * _SHOWN else ""
+    if len(names) > 2 * _SHOWN:
+        unlisted = f" and {len(names) - 2 * _SHOWN} more"
+    else:
+        unlisted = ""
     return f"Columns that are not used: {shown}{unlisted}."
 
 
@@ -61,8 +64,11 @@ def _is_said(text: str) -> bool:
 
 def _shown(table: RawTable, name: str, rows: np.ndarray) -> str:
     cells = table.columns[name]
-    cells_of_rows = [
-        f"row {table.lines[row]} '{str(cells[row]).strip()[:_LONGEST]}'" for row in rows[:_SHOWN]
-    ]
-    unlisted = f" and {len(rows) - _SHOWN} more" if len(rows) > _SHOWN else ""
+    cells_of_rows = []
+    for row in rows[:_SHOWN]:
+        cells_of_rows.append(f"row {table.lines[row]} '{str(cells[row]).strip()[:_LONGEST]}'")
+    if len(rows) > _SHOWN:
+        unlisted = f" and {len(rows) - _SHOWN} more"
+    else:
+        unlisted = ""
     return f"'{name}': {', '.join(cells_of_rows)}{unlisted}"

@@ -104,7 +104,10 @@ def read_artefact(path: Path) -> dict[int, tuple[float, float, float, float]]:
                 f"{path.name}, column {name}", "this column", "no such column", "add it"
             )
     rows = zip(*(table.numbers(name) for name in names))
-    return {int(ball): (float(x), float(y), float(z), float(r)) for ball, x, y, z, r in rows}
+    found = {}
+    for ball, x, y, z, r in rows:
+        found[int(ball)] = (float(x), float(y), float(z), float(r))
+    return found
 
 
 def check_balls(path: Path | None, file: str, numbers: Sequence[int]) -> None:

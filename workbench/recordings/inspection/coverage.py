@@ -83,7 +83,10 @@ def coverage_of(recording: Recording) -> Coverage:
             JointCoverage(name, float(cells.min()), float(cells.max()), factor * low, factor * high)
         )
     flange = _flange(recording)
-    spread = np.nan if flange is None or not len(flange) else orientation_spread(flange[:, :3, :3])
+    if flange is None or not len(flange):
+        spread = np.nan
+    else:
+        spread = orientation_spread(flange[:, :3, :3])
     return Coverage(tuple(joints), flange, spread)
 
 

@@ -75,7 +75,9 @@ def inspect_target_poses(recording: Recording) -> HandEyePlausibility:
 
 
 def _kind(recording: Recording) -> str:
-    return "to-hand" if (recording.board or {}).get("fixed_to") == "tool" else "in-hand"
+    if (recording.board or {}).get("fixed_to") == "tool":
+        return "to-hand"
+    return "in-hand"
 
 
 def _equal(flange: np.ndarray, views: Sequence, names: Sequence[str]) -> Iterator[tuple]:
@@ -124,7 +126,10 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     motions = relative_motions(flange, at_middle, _kind(recording))
     early = [*early, *_outliers(review, names)]
     named = [_finding(finding) for finding in review.findings]
-    found = [*early, *named] if named else [*early, *_disagreements(motions)]
+    if named:
+        found = [*early, *named]
+    else:
+        found = [*early, *_disagreements(motions)]
     return HandEyePlausibility(tuple(found), motions)
 
 
@@ -158,7 +163,10 @@ def _board_poses(views, board, camera, flange, kind) -> np.ndarray:
         ]
         seen.append(poses)
     seen = np.array(seen)
-    rotations = np.swapaxes(seen[..., :3, :3], -1, -2) if kind == "in-hand" else seen[..., :3, :3]
+    if kind == "in-hand":
+        rotations = np.swapaxes(seen[..., :3, :3], -1, -2)
+    else:
+        rotations = seen[..., :3, :3]
     chosen = agreeing_labels(rotations, flange[:, :3, :3])
     return seen[chosen, np.arange(len(views))]
 

@@ -226,7 +226,10 @@ def _joint_needs(joint) -> Iterator[Need]:
         return
     small = joint.extent < (_SMALL_MM if unit == "mm" else _SMALL_DEG)
     if small or (joint.share < _SMALL_SHARE and joint.extent < _MODERATE):
-        share = f", {100 * joint.share:.0f} % of its limits" if np.isfinite(joint.share) else ""
+        if np.isfinite(joint.share):
+            share = f", {100 * joint.share:.0f} % of its limits"
+        else:
+            share = ""
         statement = f"{joint.name} moves over {joint.extent:.3g} {unit} only{share}"
         yield Need(
             "calibrate",
@@ -301,7 +304,10 @@ def _image_needs(recording: Recording, images: ImageCoverage) -> Iterator[Need]:
     if images.found >= _LEAST_IMAGES and images.rejected:
         count = len(images.rejected)
         reasons = [f"{image}: {why}" for image, why in images.rejected[:_NAMED_IMAGES]]
-        unlisted = [f"and {count - _NAMED_IMAGES} more"] if count > _NAMED_IMAGES else []
+        if count > _NAMED_IMAGES:
+            unlisted = [f"and {count - _NAMED_IMAGES} more"]
+        else:
+            unlisted = []
         subject = "1 image is" if count == 1 else f"{count} images are"
         statement = f"{subject} not usable: {' | '.join([*reasons, *unlisted])}"
         yield Need(

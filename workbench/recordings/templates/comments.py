@@ -111,7 +111,10 @@ def _board_lines(board) -> list[str]:
     }
     lines = ["[board]"]
     for name, value in dict(board).items():
-        text = f'"{value}"' if isinstance(value, str) else str(value).lower()
+        if isinstance(value, str):
+            text = f'"{value}"'
+        else:
+            text = str(value).lower()
         comment = f"   # {comments[name]}" if name in comments else ""
         lines.append(f"{name} = {text}{comment}")
     return lines

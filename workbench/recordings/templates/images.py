@@ -85,7 +85,9 @@ def board_images(folder: Path, progress) -> Recording:
 
 def _pose(values) -> np.ndarray:
     values = np.asarray(values, float)
-    return values if values.shape == (4, 4) else transform(rotation_matrix(values[3:]), values[:3])
+    if values.shape == (4, 4):
+        return values
+    return transform(rotation_matrix(values[3:]), values[:3])
 
 
 def _write_images(path: Path, rows) -> None:

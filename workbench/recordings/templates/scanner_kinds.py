@@ -125,7 +125,8 @@ def _looking_at(middle: np.ndarray, *degrees: float) -> np.ndarray:
     """(4, 4) T_base_sensor of a sensor above a point (3,) of the artefact, tilted by angles about x, y, z."""
     rotation = _rotation(180.0, 0.0, 0.0) @ _rotation(*degrees)
     target = _ARTEFACT[:3, :3] @ middle + _ARTEFACT[:3, 3]
-    return transform(rotation, target - rotation @ np.array([0.0, 0.0, _AIM_MM]))
+    translation = target - rotation @ np.array([0.0, 0.0, _AIM_MM])
+    return transform(rotation, translation)
 
 
 def _fixed_plane(folder: Path, progress, seed: int) -> Example:
@@ -213,7 +214,8 @@ def _views_of_ball(count: int, rng, distance: float) -> np.ndarray:
     rotations = _rotation(180.0, 0.0, 0.0) @ tilts
     offsets = np.stack([rng.uniform(-12, 12, count), np.zeros(count), rng.uniform(-8, 8, count)], 1)
     centres = offsets + [0.0, 0.0, distance]
-    return transform(rotations, _SPHERE - np.einsum("nij,nj->ni", rotations, centres))
+    translation = _SPHERE - np.einsum("nij,nj->ni", rotations, centres)
+    return transform(rotations, translation)
 
 
 def _surface_recording(folder: Path, sensor, points, title: str, rng) -> Recording:

@@ -135,12 +135,12 @@ def _write_files(recording: Recording, folder: Path, robot: str, kind: str) -> N
         if is_description(robot):
             file, tip = file_and_tip(robot)
             text = text.replace('"robot.toml"', f'"{copy_description(file, folder)}"')
-            text = text if tip is None else text.replace("[robot]", f'[robot]\ntip = "{tip}"', 1)
+            if tip is not None:
+                text = text.replace("[robot]", f'[robot]\ntip = "{tip}"', 1)
         else:
-            source = (
-                _builtin_text(robot)
-                if robot in builtin_robots()
-                else Path(robot).read_text("utf-8")
-            )
+            if robot in builtin_robots():
+                source = _builtin_text(robot)
+            else:
+                source = Path(robot).read_text("utf-8")
             (folder / "robot.toml").write_text(_ROBOT_COMMENT + source, encoding="utf-8")
     (folder / "recording.toml").write_text(text, encoding="utf-8", newline="\n")

@@ -55,7 +55,10 @@ def with_ball_centres(found, options, progress):
         )
     table = table.take(np.array(rows_with_balls))
     suspicion = radius_suspicion(surfaces, options.ball_radius_mm)
-    suspicions = () if suspicion is None else (f"{table.file}: {suspicion}.",)
+    if suspicion is None:
+        suspicions = ()
+    else:
+        suspicions = (f"{table.file}: {suspicion}.",)
     return _extended(found, table, np.array(centres), np.array(sigmas), notes), suspicions
 
 
@@ -97,11 +100,10 @@ def matched_clouds(table: RawTable, clouds: Sequence[Path]):
         stems = [Path(str(cell).replace("\\", "/")).stem.lower() for cell in cells]
         rows = [row for row, stem in enumerate(stems) if stem in by_stem]
         if len(rows) >= max(_FEWEST, table.n // 2):
-            notes = (
-                ()
-                if len(rows) == table.n
-                else (f"{table.n - len(rows)} rows have no cloud and are left out.",)
-            )
+            if len(rows) == table.n:
+                notes = ()
+            else:
+                notes = (f"{table.n - len(rows)} rows have no cloud and are left out.",)
             return table.take(np.array(rows)), [by_stem[stems[row]] for row in rows], notes
     if len(ordered) != table.n:
         raise InputError(
@@ -132,7 +134,10 @@ def ball_in_cloud(path: Path, unit: str, radius: float):
     points = LENGTHS[unit] * read_cloud(path, _MOST_POINTS).T
     if np.ptp(points, axis=1).max() < radius / 2:
         return None, points  # too small to show a ball of this radius: another unit
-    view = points.mean(1) if np.linalg.norm(points.mean(1)) > radius else np.array([0.0, 0.0, 1.0])
+    if np.linalg.norm(points.mean(1)) > radius:
+        view = points.mean(1)
+    else:
+        view = np.array([0.0, 0.0, 1.0])
     try:
         balls = find_balls(points, [radius], view=view / np.linalg.norm(view))
     except InputError:

@@ -105,4 +105,6 @@ def _radius_suspicions(
     names = [f"row {line}" for line in table.lines[rows]]
     scans = Scans(seen, flange_poses(recording)[first], names, radius, is_profile=True)
     suspicion = profile_radius_suspicion(scans)
-    return () if suspicion is None else (f"{table.file}: {suspicion}.",)
+    if suspicion is None:
+        return ()
+    return (f"{table.file}: {suspicion}.",)

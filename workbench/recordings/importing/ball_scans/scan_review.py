@@ -99,7 +99,10 @@ def pose_suspicions(scans: Scans) -> tuple[str, ...]:
         )
     ordered = np.flatnonzero(wrong)[np.argsort(-distances[wrong])]
     words = [f"{scans.names[place]} ({distances[place]:.3g} mm)" for place in ordered[:_NAMED]]
-    unlisted = [f"{len(ordered) - _NAMED} more"] if len(ordered) > _NAMED else []
+    if len(ordered) > _NAMED:
+        unlisted = [f"{len(ordered) - _NAMED} more"]
+    else:
+        unlisted = []
     return (
         f"the flange poses of {len(ordered)} of {len(distances)} scans do not fit those of the others: the ball seems "
         f"to be displaced in {', '.join([*words, *unlisted])}; check the pose and the file of these rows, and correct "
@@ -187,4 +190,6 @@ def _exchanged(
     distances = scans.take(~wrong).fit()
     pair = scans.take(places)
     distance = distances(pair.with_poses(pair.poses[::-1]))
-    return (int(places[0]), int(places[1])) if (distance < _limit(scan_distances)).all() else None
+    if (distance < _limit(scan_distances)).all():
+        return (int(places[0]), int(places[1]))
+    return None

@@ -162,7 +162,10 @@ def _clouds(files, radius) -> list[np.ndarray]:
     for path in files:
         points = scale * read_cloud(path, _MOST_POINTS).T
         distance = np.linalg.norm(points.mean(1))
-        view = points.mean(1) / distance if distance > radius else np.array([0.0, 0.0, 1.0])
+        if distance > radius:
+            view = points.mean(1) / distance
+        else:
+            view = np.array([0.0, 0.0, 1.0])
         balls = find_balls(points, [radius], view=view)
         if not balls:
             raise InputError(
@@ -213,7 +216,8 @@ def profile_circles(profiles, largest: float) -> Circles:
     """The circle of each profile (3, k) mm, with a radius of `largest` at most. Raises InputError as `find_circles`."""
     label = np.repeat(np.arange(len(profiles)), [part.shape[1] for part in profiles])
     names = [f"profile {k + 1}" for k in range(len(profiles))]
-    return find_circles(np.concatenate(profiles, axis=1)[[0, 2]], label, names, largest)
+    flat = np.concatenate(profiles, axis=1)[[0, 2]]
+    return find_circles(flat, label, names, largest)
 
 
 def compare_poses(readings, scans: Scans) -> list[tuple[int, CandidateFit]]:

@@ -152,7 +152,9 @@ def _plausible(poses: np.ndarray, views: BoardViews, kind: str) -> tuple[str, ..
     labels = agreeing_labels(measured[..., :3, :3], poses[:, :3, :3])
     seen = views.seen[labels, np.arange(len(views.rows))]
     gap = scale_gap(relative_motions(poses, seen, kind))
-    return () if gap is None else (f"{gap[0][:1].upper()}{gap[0][1:]}; {gap[1]}.",)
+    if gap is None:
+        return ()
+    return (f"{gap[0][:1].upper()}{gap[0][1:]}; {gap[1]}.",)
 
 
 def _board(found, options) -> dict:
@@ -179,7 +181,10 @@ def _linked_images(images: Sequence[ImageFile], folder: Path) -> list[dict]:
     target.mkdir(parents=True, exist_ok=True)
     rows, used = [], set()
     for number, image in enumerate(images, 1):
-        name = image.name if image.name not in used else f"{number}-{image.name}"
+        if image.name not in used:
+            name = image.name
+        else:
+            name = f"{number}-{image.name}"
         used.add(name)
         check_readable(image.path, image.name)
         (target / name).symlink_to(Path(image.path).resolve())
@@ -210,7 +215,8 @@ def _board_views(recording: Recording, options, progress) -> BoardViews:
 
     count = len(recording.images)
     rows = np.unique(np.linspace(0, count - 1, min(count, _IMAGES_TESTED)).astype(int))
-    tested_images = replace(recording, images=tuple(recording.images[row] for row in rows))
+    images = tuple(recording.images[row] for row in rows)
+    tested_images = replace(recording, images=images)
     said_in = "--board" if options.board else "the description of the board"
     tick = paced(progress, "board in image")
     found = detect_all(tested_images, lambda done, total, name: tick(done, total), said_in=said_in)

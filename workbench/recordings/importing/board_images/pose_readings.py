@@ -41,7 +41,8 @@ def possible_readings(rows: RawTable, mapping: Mapping, options):
         columns = joint_columns(rows, candidate.joints, robot.prismatic, "mm")
         recorded = Recording("board-images", columns, keys)
         frames = forward(robot, robot.mixing @ recorded.joints.T)
-        poses = transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+        rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
+        poses = transform(rotation, frames.end_origin.T)
         words = unit_words(unit, candidate.joints.columns, str)
         readings.append((f"joints in {words}", candidate, poses))
     return keys, mapping, readings

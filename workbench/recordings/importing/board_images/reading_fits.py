@@ -61,7 +61,9 @@ def compare_readings(readings, views: BoardViews, kind: str) -> list[tuple[int, 
     if len(retained) > _REFINED:
         quick = {k: _quick_misfit(readings[k][2][views.rows], chosen[k]) for k in retained}
         retained = sorted(retained, key=quick.get)[:_REFINED]
-    fits = [(k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])) for k in retained]
+    fits = []
+    for k in retained:
+        fits.append((k, _fit(readings[k][0], readings[k][2][views.rows], chosen[k])))
     return sorted(fits, key=lambda item: item[1].improbability)
 
 

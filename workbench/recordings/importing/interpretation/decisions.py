@@ -411,7 +411,10 @@ def _contradicted_units(case: UnitCase, fits) -> Decision:
     better = compare(case.robot, others, case.build, is_good_only=True)
     stated = next(iter(unit_readings(case.mapping, stated_only=True)))
     if better and better[0][1].is_good and others[better[0][0]][0] != stated[0]:
-        found = f"{fits[0][1].words}, but {better[0][1].words}" if fits else better[0][1].words
+        if fits:
+            found = f"{fits[0][1].words}, but {better[0][1].words}"
+        else:
+            found = better[0][1].words
         raise InputError(
             f"{case.called}: expected the units that the headers or the mapping state to fit the robot, found {found}; "
             f"add {unit_lines(others[better[0][0]][1])} to a mapping file and name it with --map, or correct the "

@@ -39,7 +39,10 @@ def label_columns(table: RawTable, mapping: Mapping) -> list[str]:
     found, divisions = [], set()
     for name in unused_columns(table, mapping):
         is_other = headers[name].unit is not None or headers[name].kind == "time"
-        division = None if is_other or name == SESSION else _division(table.columns[name])
+        if is_other or name == SESSION:
+            division = None
+        else:
+            division = _division(table.columns[name])
         if division is not None and division not in divisions:
             divisions.add(division)
             found.append(name)
@@ -93,6 +96,11 @@ def _division(cells: np.ndarray) -> tuple[int, ...] | None:
         return None
     values: Sequence = cells.tolist()
     first = list(dict.fromkeys(values))
-    counts = [values.count(value) for value in first] if len(first) <= _MOST_LABELS else [0]
+    if len(first) <= _MOST_LABELS:
+        counts = [values.count(value) for value in first]
+    else:
+        counts = [0]
     is_label = len(first) > 1 and min(counts) > 1 and len(values) >= _ROWS_OF_LABEL * len(first)
-    return tuple(first.index(value) for value in values) if is_label else None
+    if is_label:
+        return tuple(first.index(value) for value in values)
+    return None

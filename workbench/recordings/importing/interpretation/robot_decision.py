@@ -193,7 +193,8 @@ def _mistakes_under_any_unit(robot: Robot, mapping: Mapping, build: Build) -> li
     if not fits:
         return []
     places = close_units(UnitCase(robot, mapping, build, ""), readings) or [fits[0][0]]
-    found = check_plausibility(robot, build(readings[places[0]][1]))
+    recording = build(readings[places[0]][1])
+    found = check_plausibility(robot, recording)
     return [s for s in certain_mistakes(found, mapping) if "convention" not in s.cause]
 
 

@@ -81,7 +81,10 @@ def find_unnamed(
     if mapping.joints is None:
         best += _exchanged(table, best[0], positions)
     chosen = best[0]
-    reflectors = _as_reflectors(table, best[0], found) if mapping.point is None else None
+    if mapping.point is None:
+        reflectors = _as_reflectors(table, best[0], found)
+    else:
+        reflectors = None
     if reflectors is not None:
         chosen, best = reflectors, best[:1]
     if len(best) > 1:
@@ -106,7 +109,10 @@ def _sentence(table: RawTable, mapping: Mapping, chosen: _Found, has_surplus: bo
     all_joints = "joint readings" if mapping.joints is None else "the readings of all joints"
     if has_surplus:
         all_joints = f"the readings of the {len(read.joints.columns)} joints"
-    which = [(all_joints, read.joints.columns)] if mapping.joints != read.joints else []
+    if mapping.joints != read.joints:
+        which = [(all_joints, read.joints.columns)]
+    else:
+        which = []
     if read.reflectors:
         columns = [name for names in read.reflectors.values() for name in names]
         which += [(f"the points of {len(read.reflectors)} reflectors on one tool", tuple(columns))]
@@ -177,7 +183,9 @@ def _side_by_side(table: RawTable, found: Sequence[_Found]) -> list[_Found]:
         chains.append(chain)
     most = max(map(len, chains), default=0)
     longest = [chain for chain in chains if len(chain) == most]
-    return [starts[place] for place in longest[0]] if len(longest) == 1 else []
+    if len(longest) == 1:
+        return [starts[place] for place in longest[0]]
+    return []
 
 
 def _keeps_its_distance(vectors: np.ndarray) -> bool:
@@ -243,7 +251,9 @@ def _fitted(table, mapping: Mapping, robot: Robot, positions) -> _Found | None:
     readings = list(decisions.unit_readings(complete_mapping))
     build = partial(positions, robot, rows)
     fits = decisions.compare(robot, readings, build, _SCREENED_FITS, is_good_only=True)
-    return _Found(complete_mapping, fits[0][1], robot) if fits and fits[0][1].is_good else None
+    if fits and fits[0][1].is_good:
+        return _Found(complete_mapping, fits[0][1], robot)
+    return None
 
 
 def _lacks_slides(mapping: Mapping, robots: Sequence[Robot]) -> bool:
@@ -315,7 +325,8 @@ def _points(table: RawTable, mapping: Mapping) -> list[Group]:
 
 def _group(table: RawTable, names: Sequence[str]) -> Group:
     headers = headers_of(table)
-    return Group(tuple(names), joined_units([headers[name].unit for name in names]), None)
+    units = [headers[name].unit for name in names]
+    return Group(tuple(names), joined_units(units), None)
 
 
 def _may_turn(table: RawTable, group: Group) -> bool:

@@ -134,7 +134,10 @@ def _words(mapping: Mapping) -> dict[str, str]:
     if mapping.flange_rotation is None:
         return {"joints": unit_words(mapping.joints.unit, mapping.joints.columns, str)}
     group, point = mapping.flange_rotation, mapping.flange_point
-    unit = f" in {unit_words(group.unit, group.columns, str)}" if group.unit else ""
+    if group.unit:
+        unit = f" in {unit_words(group.unit, group.columns, str)}"
+    else:
+        unit = ""
     turned = ", inverse" if group.inverse else ""
     return {
         "flange_point": f"{unit_words(point.unit, point.columns, str)}",

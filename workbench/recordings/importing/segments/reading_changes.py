@@ -128,7 +128,10 @@ def _built(choices, build: Callable, words: Callable) -> Iterator[_Reading]:
 
 
 def _unit_words(mapping: Mapping) -> Words:
-    groups = [mapping.joints] if mapping.point is None else [mapping.joints, mapping.point]
+    if mapping.point is None:
+        groups = [mapping.joints]
+    else:
+        groups = [mapping.joints, mapping.point]
     return {group.columns: unit_words(group.unit, group.columns, _UNITS.get) for group in groups}
 
 
@@ -251,8 +254,12 @@ def _described(words: Words, differing: Sequence[tuple[str, ...]]) -> str:
 
 
 def _short(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{names[0]} ... {names[-1]}"
+    if len(names) <= 3:
+        return ", ".join(names)
+    return f"{names[0]} ... {names[-1]}"
 
 
 def _listed(words: Sequence[str]) -> str:
-    return f"{', '.join(words[:-1])} and {words[-1]}" if len(words) > 1 else words[0]
+    if len(words) > 1:
+        return f"{', '.join(words[:-1])} and {words[-1]}"
+    return words[0]

@@ -45,7 +45,9 @@ def refuse_shifted_rows(builder: Builder, mapping: Mapping) -> None:
 
 def _step_of(segment: Segment, count: int, steps: Sequence[int]) -> int:
     """Rows by which the measurements of a segment are late, 0 as they stand; count: of readings without a shift."""
-    return steps[segment.reading - count] if segment.reading >= count else 0
+    if segment.reading >= count:
+        return steps[segment.reading - count]
+    return 0
 
 
 def _shifted(recording: Recording) -> Iterator[tuple[int, Recording]]:

@@ -162,7 +162,9 @@ class _Estimator:
         offsets = start_s + _SCANNED_S
         misfits = [_quick(self.robot, self.rows_at, offset) for offset in offsets]
         is_clear = min(misfits) < _SCAN_GAIN * _quick(self.robot, self.rows_at, start_s)
-        return float(offsets[int(np.argmin(misfits))]) if is_clear else start_s
+        if is_clear:
+            return float(offsets[int(np.argmin(misfits))])
+        return start_s
 
     def refined(self, state: _State) -> tuple[_State, float, float]:
         """Gauss-Newton: the last state, the standard deviation of its offset in s, and the speed in mm/s."""
@@ -267,7 +269,8 @@ def _offset_of(
     pulled = weighted.slopes(velocity) @ pull
     change = -float((weight * apparent * residual).sum() - pulled) / information
     remainder = weighted.projected(residual + change * velocity)
-    sigma = _clustered((weight * apparent * remainder).sum(0)) / information
+    scores = (weight * apparent * remainder).sum(0)
+    sigma = _clustered(scores) / information
     moved = _Weighted(columns, weight, prior**-2.0).projected(velocity)
     speed = float(np.sqrt((moved**2).sum(0).mean()))
     return change, sigma, speed

@@ -71,7 +71,8 @@ def find_mapping(
         )
     progress("reading the files")
     options = replace(options, mapping=with_reflectors(options.mapping))
-    source, mapping = read_sources(paths, scratch), options.mapping
+    source = read_sources(paths, scratch)
+    mapping = options.mapping
     warnings = tuple(source.warnings)
     if not source.tables:
         return Found(source, None, mapping, (), warnings)

@@ -85,7 +85,10 @@ def text_in_numbers(table: RawTable) -> list[str]:
         shown = ", ".join(
             f"row {table.lines[row]}: {str(cells[row])!r}" for row in wrong[:_MOST_CELLS]
         )
-        unlisted = f" and {len(wrong) - _MOST_CELLS} more" if len(wrong) > _MOST_CELLS else ""
+        if len(wrong) > _MOST_CELLS:
+            unlisted = f" and {len(wrong) - _MOST_CELLS} more"
+        else:
+            unlisted = ""
         found.append(
             f"{table.file}, column {name}: expected numbers in all rows, found text ({shown}{unlisted}); correct or "
             "remove these rows."

@@ -24,7 +24,10 @@ def with_named_joints(tables: Sequence[RawTable], mapping: Mapping, named: str |
     named: robot that the user names. Unchanged where columns are stated, no table has these names, or several sets of
     columns have them. A robot that cannot be read is refused later.
     """
-    names = () if mapping.joints is not None or named is None else _joint_names(named)
+    if mapping.joints is not None or named is None:
+        names = ()
+    else:
+        names = _joint_names(named)
     if not names:
         return mapping
     for table in tables:

@@ -53,7 +53,9 @@ class TimedJoin:
     def step_s(self) -> float:
         """Median sampling interval of the interpolated table, s."""
         steps = np.diff(np.sort(seconds_of(self.log)))
-        return float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+        if (steps > 0).any():
+            return float(np.median(steps[steps > 0]))
+        return 1.0
 
     def table_at(self, seconds: float) -> RawTable:
         """The joined table with another offset. Raises InputError where the clocks do not overlap."""
@@ -183,7 +185,9 @@ def _milliseconds(seconds: float) -> str:
 
 
 def _sigma_words(found: OffsetEstimate) -> str:
-    return f" (sigma {_milliseconds(found.sigma_s)})" if np.isfinite(found.sigma_s) else ""
+    if np.isfinite(found.sigma_s):
+        return f" (sigma {_milliseconds(found.sigma_s)})"
+    return ""
 
 
 def _without_effect(timed: TimedJoin, found: OffsetEstimate | None) -> str:

@@ -46,7 +46,8 @@ def pose_and_centre(
         for place, rotation in pose_layouts(joined, pose.columns):
             share = _share_left(joined, place, rotation, centre.columns)
             if share < least_share:
-                best, least_share = (joined, place, rotation, centre.columns), share
+                best = (joined, place, rotation, centre.columns)
+                least_share = share
     if best is None:
         return None
     joined, place, rotation, centre = best
@@ -75,7 +76,9 @@ def _sets(tables: Sequence[RawTable]) -> Iterator[tuple[PoseSet, PoseSet]]:
 def _columns(table: RawTable) -> list[str]:
     """Columns of numbers without one that numbers the rows."""
     names = [name for name, cells in table.columns.items() if cells.dtype.kind == "f"]
-    return names[1:] if names and counts_rows(table.columns[names[0]]) else names
+    if names and counts_rows(table.columns[names[0]]):
+        return names[1:]
+    return names
 
 
 def _set(table: RawTable, names: Sequence[str]) -> PoseSet:

@@ -86,7 +86,9 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
         pose_sets = pose_sets[::-1]
     joined, pose_sets = join_sets(pose_sets)
     if mapping.flange_point is not None:
-        return (joined, mapping) if _names(mapping) <= set(joined.columns) else None
+        if _names(mapping) <= set(joined.columns):
+            return (joined, mapping)
+        return None
     chosen = _best_layouts(joined, pose_sets)
     if chosen is None:
         return None
@@ -119,7 +121,9 @@ def _parts(tables: Sequence[RawTable]) -> list[tuple[RawTable, ...]]:
     names = [f"{table.stem} ({place}){Path(table.file).suffix}" for place in (1, 2)]
     parts = tuple(replace(table.take(rows), file=name) for rows, name in zip(halves, names))
     whole = [_with_whole_matrices(part) for part in parts]
-    return [parts] if all(_sets_of(one, 2) for one in whole) else [(table,)]
+    if all(_sets_of(one, 2) for one in whole):
+        return [parts]
+    return [(table,)]
 
 
 def _with_whole_matrices(table: RawTable) -> RawTable:
@@ -187,9 +191,9 @@ def _by_order(table: RawTable, numeric: Sequence[str], wanted: int) -> list[Pose
         is_counted = not start or counts_rows(table.columns[numeric[0]])
         if remainder or width not in _WIDTHS or not is_counted:
             continue
-        column_groups = [
-            tuple(numeric[start + k * width : start + (k + 1) * width]) for k in range(wanted)
-        ]
+        column_groups = []
+        for k in range(wanted):
+            column_groups.append(tuple(numeric[start + k * width : start + (k + 1) * width]))
         pose_sets = [PoseSet(table, part, f"{part[0]} {table.stem}") for part in column_groups]
         if all(any(pose_layouts(pose_set.table, pose_set.columns)) for pose_set in pose_sets):
             return pose_sets
@@ -225,7 +229,8 @@ def _orders(cells: np.ndarray) -> Iterator[tuple[Sequence[int], Sequence[int]]]:
             yield _BY_COLUMNS
     elif width in (12, 16):
         for position, rotation in (_OF_MATRIX, _AFTER_MATRIX, ((0, 1, 2), _ROTATION_FIRST)):
-            if _is_rotation(cells[:, rotation].reshape(-1, 3, 3)):
+            matrices = cells[:, rotation].reshape(-1, 3, 3)
+            if _is_rotation(matrices):
                 yield position, rotation
 
 
@@ -236,13 +241,17 @@ def _is_rotation(matrices: np.ndarray) -> bool:
 
 def join_sets(sets: Sequence[PoseSet]) -> tuple[RawTable, list[PoseSet]]:
     """Both sets in one table; columns whose names clash get the name of their file in front."""
-    first, second = sets[0].table, sets[1].table
+    first = sets[0].table
+    second = sets[1].table
     if first is second:
         return first, list(sets)
     columns, units, conventions, renamed = {}, {}, {}, []
     clash = set(first.columns) & set(second.columns)
     for one, other in ((sets[0], second), (sets[1], first)):
-        stem = one.table.stem if one.table.stem != other.stem else one.table.file
+        if one.table.stem != other.stem:
+            stem = one.table.stem
+        else:
+            stem = one.table.file
         names = {name: f"{stem}: {name}" if name in clash else name for name in one.table.columns}
         columns |= {names[name]: cells for name, cells in one.table.columns.items()}
         units |= {names[name]: unit for name, unit in one.table.units.items()}

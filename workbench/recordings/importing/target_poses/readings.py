@@ -92,7 +92,8 @@ def usual_readings(rows: RawTable, mapping: Mapping) -> list[TargetReading]:
     ]
     chosen = []
     for _, i, j in sorted(pairs)[:_USUAL]:
-        readings = _readings_of(rows, mapping, [(of_flange[i], of_target[j])])
+        turns = [(of_flange[i], of_target[j])]
+        readings = _readings_of(rows, mapping, turns)
         all_rows = np.arange(rows.n)
         chosen.append(min(readings, key=lambda reading: _rough(reading.poses, all_rows)))
     return chosen
@@ -153,8 +154,10 @@ def _linear_misfit(moved: np.ndarray, seen: np.ndarray) -> float:
     translation and the ratio s of the units.
     """
     i, j = np.triu_indices(len(moved), 1)
-    flange, target = inverse(moved[j]) @ moved[i], seen[j] @ inverse(seen[i])
-    alpha, beta = rotation_vector(flange[:, :3, :3]), rotation_vector(target[:, :3, :3])
+    flange = inverse(moved[j]) @ moved[i]
+    target = seen[j] @ inverse(seen[i])
+    alpha = rotation_vector(flange[:, :3, :3])
+    beta = rotation_vector(target[:, :3, :3])
     rotation = nearest_rotation((alpha.T @ beta)[None])[0]
     shift = flange[:, :3, 3]
     turned = target[:, :3, 3] @ rotation.T
@@ -182,7 +185,8 @@ def _kinds(mapping: Mapping) -> Sequence[str]:
 
 
 def _placed(rows: RawTable, point: Group, turn: RotationConvention) -> np.ndarray:
-    return transform(turn.matrices(rows), np.stack(list(point_columns(rows, point).values()), 1))
+    translation = np.stack(list(point_columns(rows, point).values()), 1)
+    return transform(turn.matrices(rows), translation)
 
 
 def _unit_pairs(rows: RawTable, mapping: Mapping) -> list[tuple]:
@@ -190,7 +194,8 @@ def _unit_pairs(rows: RawTable, mapping: Mapping) -> list[tuple]:
 
     Only their ratio can be tested: where neither is stated, the size of the flange's positions decides.
     """
-    flange, target = length_units(mapping.flange_point), length_units(mapping.point)
+    flange = length_units(mapping.flange_point)
+    target = length_units(mapping.point)
     if len(flange) > 1 and len(target) > 1:
         largest = max(np.abs(rows.columns[name]).max() for name in mapping.flange_point.columns)
         flange = ("mm",) if largest > _WIDEST_M else ("m",)
@@ -216,7 +221,11 @@ def _agreeing_turns(
     order = np.argsort(misfit, axis=None, kind="stable")[:_PAIRS]
     places = [np.unravel_index(k, misfit.shape) for k in order]
     limit = _CLOSE * misfit.min() + _CLOSE_SHARE
-    return [(of_flange[i], of_target[j]) for i, j in places if misfit[i, j] <= limit]
+    turns = []
+    for i, j in places:
+        if misfit[i, j] <= limit:
+            turns.append((of_flange[i], of_target[j]))
+    return turns
 
 
 def _misfits(
