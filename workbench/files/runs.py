@@ -57,7 +57,10 @@ def opened(command: str, subject: str | Path, out: Path | None = None) -> Iterat
     out: the folder to write instead; it must be new or empty.
     Raises InputError when the place cannot be written or is taken.
     """
-    run = _named(out) if out else _numbered(f"{_now()}-{command}-{slug(subject)}")
+    if out:
+        run = _named(out)
+    else:
+        run = _numbered(f"{_now()}-{command}-{slug(subject)}")
     try:
         yield run
         _move_into_place(run)
@@ -112,7 +115,9 @@ def slug(subject: str | Path) -> str:
 def input_name(subject: str | Path) -> str:
     """Name of a recording in a run from which it can be read again: an absolute path, or a known name."""
     path = Path(subject)
-    return str(path.resolve()) if path.exists() else str(subject)
+    if path.exists():
+        return str(path.resolve())
+    return str(subject)
 
 
 def replace_file(path: Path, text: str | bytes | Iterable[str]) -> None:

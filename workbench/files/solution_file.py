@@ -165,7 +165,9 @@ def _is_in_fit(calibration) -> np.ndarray:
     """(n,) bool: the samples of the fit that are not far off."""
     recording = calibration.recording
     is_in_fit = ~np.isin(recording.sample_ids, calibration.suspects)
-    return is_in_fit if calibration.fitted is None else is_in_fit & calibration.fitted
+    if calibration.fitted is None:
+        return is_in_fit
+    return is_in_fit & calibration.fitted
 
 
 def _fitted_samples(calibration) -> list[list[int]]:
@@ -271,12 +273,16 @@ def _runs_of_samples(rows) -> np.ndarray | None:
 
 def _configurations(rows) -> np.ndarray | None:
     """(k, 3) of the key configurations. Raises ValueError or TypeError for another shape."""
-    return None if rows is None else np.array(rows, int).reshape(len(rows), 3)
+    if rows is None:
+        return None
+    return np.array(rows, int).reshape(len(rows), 3)
 
 
 def _readings(rows) -> np.ndarray | None:
     """(k, R) of the key recorded_readings, None without any. Raises ValueError or TypeError for another shape."""
-    return np.array(rows, float).reshape(len(rows), -1) if rows else None
+    if rows:
+        return np.array(rows, float).reshape(len(rows), -1)
+    return None
 
 
 def _considered(path: Path, keys: Mapping) -> Considered | None:
@@ -348,7 +354,9 @@ def _covariance_problem(covariance: np.ndarray) -> str:
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6:
         return "a matrix that is not symmetric"
     lowest = np.linalg.eigvalsh(correlation)[0] if len(correlation) else 0.0
-    return "a matrix with a negative eigenvalue" if lowest < -1e-6 * len(correlation) else ""
+    if lowest < -1e-6 * len(correlation):
+        return "a matrix with a negative eigenvalue"
+    return ""
 
 
 def _unusable(path: Path, key: str, expected: str, found: str) -> InputError:

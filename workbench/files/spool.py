@@ -52,11 +52,9 @@ class Spool(Sequence):
         place = place + len(self) if place < 0 else place
         if not 0 <= place < len(self):
             raise IndexError(place)
-        return (
-            self._first[place]
-            if place < len(self._first)
-            else self._read(self._places[place - len(self._first)])
-        )
+        if place < len(self._first):
+            return self._first[place]
+        return self._read(self._places[place - len(self._first)])
 
     def __iter__(self) -> Iterator[Any]:
         return (self[k] for k in range(len(self)))

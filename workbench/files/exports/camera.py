@@ -126,7 +126,8 @@ def with_supported_distortion(camera: Camera, name: str) -> tuple[Camera, float]
     found = Camera.of([*camera.values[:8], 0], camera.size)
     for _ in range(_STEPS):
         rows = found.project_rows(points)[2][:8].reshape(8, -1)
-        step = least_squares(rows.T, (pixels[:, seen] - found.project(points)).ravel())
+        right = (pixels[:, seen] - found.project(points)).ravel()
+        step = least_squares(rows.T, right)
         found = Camera.of([*found.values[:8] + step, 0], camera.size)
     deviation = float(np.linalg.norm(found.project(points) - pixels[:, seen], axis=0).max())
     if not (deviation < _MOST_PX and seen.all()):

@@ -50,7 +50,10 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
         arm.robot.prismatic, 100, 1
     )
     # joints that are coupled stand in the URDF as angles of their own
-    variables = readings if is_coupled(arm.robot) else readings @ arm.robot.mixing.T
+    if is_coupled(arm.robot):
+        variables = readings
+    else:
+        variables = readings @ arm.robot.mixing.T
     expected_poses = _flanges(arm.robot, variables, calibrated_geometry(arm))
     if np.abs(_flanges(reread, readings @ reread.mixing.T) - expected_poses).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")

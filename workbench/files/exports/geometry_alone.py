@@ -67,7 +67,8 @@ def fit_geometry(arm: CalibratedArm, is_held: np.ndarray | None = None) -> Geome
     start = calibrated_geometry(arm)
     problem = _Problem(arm, readings, _complete_poses(arm, readings))
     fitted = problem.fitted(start, np.ones(start.shape, bool) if is_held is None else is_held)
-    before, after = problem.distances(start), problem.distances(fitted)
+    before = problem.distances(start)
+    after = problem.distances(fitted)
     values = dict(arm.values)
     for k, row in enumerate(fitted, 1):
         values |= {f"joint-{k}.{name}{k}": float(value) for name, value in zip(NAMES, row)}

@@ -60,11 +60,10 @@ def left_out(arm: CalibratedArm) -> list[str]:
 def read_mdh(text: str, robot: Robot) -> np.ndarray:
     """(J, 5) rad and mm of what `mdh_json` or `mdh_csv` wrote for this robot; InputError where it is not that."""
     try:
-        rows = (
-            json.loads(text)["joints"]
-            if text.lstrip().startswith("{")
-            else list(csv.DictReader(io.StringIO(text)))
-        )
+        if text.lstrip().startswith("{"):
+            rows = json.loads(text)["joints"]
+        else:
+            rows = list(csv.DictReader(io.StringIO(text)))
         geometry = np.array([[float(row[name]) for name in COLUMNS[1:]] for row in rows]) / _UNIT
     except (KeyError, TypeError, ValueError) as problem:
         raise InputError(

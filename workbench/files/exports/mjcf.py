@@ -274,7 +274,10 @@ def _joint(body, robot, k, stiffness: float) -> None:
     sign = joint_signs(robot)[k]
     unit = 1e-3 if slides else 1.0
     keys = {"name": robot.joint_name(k), "type": "slide" if slides else "hinge"}
-    bounds = robot.limits[k] * unit if k < len(robot.limits) and not is_coupled(robot) else [np.nan]
+    if k < len(robot.limits) and not is_coupled(robot):
+        bounds = robot.limits[k] * unit
+    else:
+        bounds = [np.nan]
     if np.isfinite(bounds).all():
         keys["range"] = _text(bounds)
     inertia = _text([abs(stiffness) / _RATE**2])
@@ -283,7 +286,10 @@ def _joint(body, robot, k, stiffness: float) -> None:
 
 def _stiffness(robot, k, found: Compliances) -> float:
     """N m/rad of joint k + 1, N/m of a slide, whose compliance is in mm/N."""
-    compliance = 0.0 if _moves_several(robot, k) else found.joint.get(k + 1, 0.0)
+    if _moves_several(robot, k):
+        compliance = 0.0
+    else:
+        compliance = found.joint.get(k + 1, 0.0)
     unit = 1e-3 if robot.prismatic[k] else 1.0
     return 1 / (compliance * unit) if compliance else RIGID_NM_RAD
 
@@ -312,7 +318,10 @@ def _spring(body, name: str, axis, compliance: float) -> None:
 def _transverse_axes(line) -> tuple[np.ndarray, np.ndarray]:
     """Two unit axes across a line (3,); across the joint's axis, z, where the line has no length."""
     length = np.linalg.norm(line)
-    unit = line / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    if length > 1e-6:
+        unit = line / length
+    else:
+        unit = np.array([0.0, 0.0, 1.0])
     first = np.linalg.svd(unit[None])[2][1]
     return first, np.cross(unit, first)
 

@@ -55,14 +55,17 @@ def _note(arm):
 def joint_signs(robot) -> np.ndarray:
     """(J,) 1 or -1 by which a reading turns its joint; 1 where joints are coupled."""
     signs = np.diag(robot.mixing)
-    return np.ones(robot.joints) if is_coupled(robot) else signs
+    if is_coupled(robot):
+        return np.ones(robot.joints)
+    return signs
 
 
 def is_coupled(robot) -> bool:
     """Whether a joint variable depends on more than its own reading, or not by plus or minus one."""
-    diagonal = (
-        np.diag(np.diag(robot.mixing)) if robot.mixing.shape[0] == robot.mixing.shape[1] else None
-    )
+    if robot.mixing.shape[0] == robot.mixing.shape[1]:
+        diagonal = np.diag(np.diag(robot.mixing))
+    else:
+        diagonal = None
     return (
         diagonal is None
         or not np.array_equal(diagonal, robot.mixing)

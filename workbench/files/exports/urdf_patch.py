@@ -123,7 +123,10 @@ def _moves(arm: CalibratedArm, remainder: np.ndarray) -> list[np.ndarray]:
     nominal = _links(arm, arm.robot.geometry)
     calibrated = _links(arm, calibrated_geometry(arm))
     inverse = np.linalg.inv(remainder)
-    return [remainder @ new @ np.linalg.inv(old) @ inverse for new, old in zip(calibrated, nominal)]
+    moves = []
+    for new, old in zip(calibrated, nominal):
+        moves.append(remainder @ new @ np.linalg.inv(old) @ inverse)
+    return moves
 
 
 def _links(arm: CalibratedArm, geometry) -> list[np.ndarray]:
@@ -160,7 +163,10 @@ def _origins(tree: Tree, path: list[Joint], moving: list[Joint], moves) -> dict[
     place = {tree.root: np.eye(4)}
     origins = {}
     number = {joint.name: k for k, joint in enumerate(moving)}
-    fixed_after = path[-1] if path[-1].name not in number else None
+    if path[-1].name not in number:
+        fixed_after = path[-1]
+    else:
+        fixed_after = None
     for joint in path:
         if joint.name in number:
             target = moves[number[joint.name]] @ tree.places[joint.child]

@@ -31,7 +31,8 @@ def flange_poses(recording: Recording) -> np.ndarray:
             f"'{robot.name}', found {recording.joints.shape[1]}; correct samples.csv or the robot"
         )
     frames = forward(robot, robot.mixing @ recording.joints.T)
-    return transform(np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T)
+    rotation = np.stack(frames.end, -1).transpose(1, 0, 2)
+    return transform(rotation, frames.end_origin.T)
 
 
 def rows_of_samples(recording: Recording, samples: Sequence[float]) -> np.ndarray:

@@ -29,7 +29,8 @@ def centre_errors(scans: Sequence[Mapping], truth: Mapping) -> dict:
     true, found = np.array(pairs, float).transpose(1, 2, 0)
     middle = true.mean(1, keepdims=True)
     other = found.mean(1, keepdims=True)
-    rotation = nearest_rotation((true - middle) @ (found - other).T)
+    matrix = (true - middle) @ (found - other).T
+    rotation = nearest_rotation(matrix)
     distance = np.linalg.norm(rotation @ (found - other) - (true - middle), axis=0)
     return {
         "balls": len(pairs),

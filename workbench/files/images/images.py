@@ -31,7 +31,9 @@ def by_role(recording, role: str) -> Rows:
             "without images.csv; name a board-images or scan-images recording"
         )
     rows = Rows.kept(recording.images, TEXT).where("role", role)
-    return with_sweep(rows, _GROUP[role]) if role in _GROUP else rows
+    if role in _GROUP:
+        return with_sweep(rows, _GROUP[role])
+    return rows
 
 
 def path_of(recording, row: Mapping) -> Path:

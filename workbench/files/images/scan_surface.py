@@ -37,9 +37,10 @@ def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndar
     ball = np.zeros(points.shape[1], int)
     seen = np.flatnonzero(np.isfinite(points).all(0))
     steps_of_points = None if steps is None else np.asarray(steps)[seen]
-    found = (
-        find_balls(points[:, seen], radii, free=True, stripe=steps_of_points) if len(seen) else []
-    )
+    if len(seen):
+        found = find_balls(points[:, seen], radii, free=True, stripe=steps_of_points)
+    else:
+        found = []
     for number, fit in enumerate(found, start=1):
         is_on_ball = seen[fit.reason != NOT_ON_BALL]
         outward = points[:, is_on_ball] - fit.centre[:, None]

@@ -148,7 +148,11 @@ def _is_of_module(source_module: _Module, part: ast.AST) -> bool:
 
 def _imports_of(module: str, node: ast.AST) -> set[str]:
     known = _module(module).imports
-    return {known[p.id] for p in ast.walk(node) if isinstance(p, ast.Name) and p.id in known}
+    found = set()
+    for p in ast.walk(node):
+        if isinstance(p, ast.Name) and p.id in known:
+            found.add(known[p.id])
+    return found
 
 
 @dataclass(frozen=True)
@@ -246,7 +250,8 @@ class _Renamed(ast.NodeTransformer):
                 f"{self.module}.{node.name}: the parameter {hidden[0]} hides a name that the bundle has to change"
             )
         if node.name in self.own.definitions and self.own.definitions[node.name] is not None:
-            node.name = self._new(node.name) if _is_top(self.own, node) else node.name
+            if _is_top(self.own, node):
+                node.name = self._new(node.name)
         return self.generic_visit(node)
 
     def visit_ClassDef(self, node):  # noqa: N802
@@ -270,7 +275,10 @@ def _unique_names(symbols: set[Symbol]) -> dict[Symbol, str]:
     for name, group in by_name.items():
         for symbol in group:
             last = symbol.module.rpartition(".")[2]
-            names[symbol] = name if len(group) == 1 else f"{name}_{last}"
+            if len(group) == 1:
+                names[symbol] = name
+            else:
+                names[symbol] = f"{name}_{last}"
     if len(set(names.values())) < len(names):
         raise RuntimeError("two modules of one name define the same name")
     return names

@@ -129,11 +129,10 @@ class CorrectedArm:
         """
         chain, model, parameters = self._model(self._radians(readings), covariates, self.control)
         targets = chain.moved_variables(model.deltas(parameters))
-        mixing_diagonal = (
-            np.diag(self.robot.mixing)
-            if len(self.robot.mixing) == self.robot.mixing.shape[1]
-            else 1.0
-        )
+        if len(self.robot.mixing) == self.robot.mixing.shape[1]:
+            mixing_diagonal = np.diag(self.robot.mixing)
+        else:
+            mixing_diagonal = 1.0
         is_coupled = np.count_nonzero(self.robot.mixing) > self.robot.joints
         signs = np.ones(self.robot.joints) if is_coupled else mixing_diagonal
         return (signs[:, None] * targets * np.where(self.robot.prismatic, 1e-3, 1.0)[:, None]).T
@@ -154,10 +153,12 @@ class CorrectedArm:
         then the orientation as far as its joints allow. The error left is then that of this point and of the
         orientation; `errors_left` has both by themselves.
         """
-        wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
-        found = (
-            self._radians(readings) if poses is None else self._nominal_readings(readings, wanted)
-        )
+        if poses is None:
+            wanted = self.nominal_poses(readings)
+            found = self._radians(readings)
+        else:
+            wanted = np.asarray(poses, float)
+            found = self._nominal_readings(readings, wanted)
         before = self._error(found, wanted, covariates)
         found, movable, remaining_error = self._solved(found, wanted, covariates)
         is_good = (movable < _SOLVED_MM) & self._is_within_limits(found)
@@ -227,12 +228,17 @@ class CorrectedArm:
         corrected (n, R): of `corrected_readings`; readings, poses and covariates as there. The position is that of the
         flange or, of an arm that cannot move it in all six directions, of the first calibrated point on the tool.
         """
-        wanted = self.nominal_poses(readings) if poses is None else np.asarray(poses, float)
+        if poses is None:
+            wanted = self.nominal_poses(readings)
+        else:
+            wanted = np.asarray(poses, float)
         actual = self.flange_poses(corrected, covariates)
         return pose_sizes(pose_difference(actual, wanted, self._point()))
 
     def _point(self):
-        return self.task.point if self.task.is_deficient else np.zeros(3)
+        if self.task.is_deficient:
+            return self.task.point
+        return np.zeros(3)
 
     def _largest_step(self) -> np.ndarray:
         """(R,) largest change of a reading in one step: a radian, 100 mm of a slide."""
