@@ -213,13 +213,18 @@ def _converted(value, parameter: inspect.Parameter):
             return [Path(item) for item in value]
         if any(typing.get_args(kind) == (str,) for kind in kinds):
             return [str(item) for item in value]
-    return str(value) if isinstance(value, Path) and str in kinds and Path not in kinds else value
+    if isinstance(value, Path) and str in kinds and Path not in kinds:
+        return str(value)
+    return value
 
 
 def _checked(value, parameter: inspect.Parameter):
     """The value; InputError where the command takes other types, as a number where a path or a text is expected."""
     kind = plain_type(parameter)
-    kinds = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
+    if isinstance(kind, types.UnionType):
+        kinds = typing.get_args(kind)
+    else:
+        kinds = (kind,)
     plain = tuple(typing.get_origin(member) or member for member in kinds)
     plain = tuple(member for member in plain if isinstance(member, type))
     others = {float: (int, np.number), int: (np.integer,), list: (tuple, set)}

@@ -114,11 +114,15 @@ def as_json(checks: Sequence[Check]) -> dict:
 def apt_command(checks: Sequence[Check]) -> str | None:
     """The one command that installs every system package found missing, or None."""
     packages = [SHARED[check.name] for check in checks if check.name in SHARED and not check.ok]
-    return f"{_sudo()}apt-get install -y {' '.join(packages)}" if packages else None
+    if packages:
+        return f"{_sudo()}apt-get install -y {' '.join(packages)}"
+    return None
 
 
 def _sudo() -> str:
-    return "" if hasattr(os, "geteuid") and os.geteuid() == 0 else "sudo "
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        return ""
+    return "sudo "
 
 
 def _python() -> Check:
@@ -131,7 +135,9 @@ def _python() -> Check:
 
 
 def _shared_libraries() -> list[Check]:
-    return [_shared(name) for name in SHARED] if sys.platform == "linux" else []
+    if sys.platform == "linux":
+        return [_shared(name) for name in SHARED]
+    return []
 
 
 def _shared(name: str) -> Check:

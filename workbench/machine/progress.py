@@ -23,7 +23,8 @@ def paced(report: Callable[[str], None], label: str, clock: Callable[[], float] 
         steps, seconds = done, now - start
         later = first and done > first[0][0]
         if later:
-            steps, seconds = done - first[0][0], now - first[0][1]
+            steps = done - first[0][0]
+            seconds = now - first[0][1]
         has_pace = steps > 0 and (later or total <= _FEW_STEPS)
         if has_pace and done < total and now - start > _BEFORE_A_GUESS_S:
             line += f", about {duration(seconds / steps * (total - done))} left"
@@ -49,7 +50,8 @@ def counted(
         elapsed_s = clock() - start
         line = f"{finished + 1} of {total}"
         if finished and elapsed_s > _BEFORE_A_GUESS_S:
-            line += f", about {duration(elapsed_s / finished * (total - finished))} left"
+            seconds = elapsed_s / finished * (total - finished)
+            line += f", about {duration(seconds)} left"
         report(f"{text} ({line})")
         finished += 1
 
@@ -111,4 +113,6 @@ def duration(seconds: float) -> str:
     """Rounded duration: '40 s', '3 min', '2 h'."""
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
-    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{round(seconds / 3600)} h"
+    if seconds < 5400:
+        return f"{round(seconds / 60)} min"
+    return f"{round(seconds / 3600)} h"

@@ -127,7 +127,10 @@ def board(
 
 def _rank(row) -> tuple:
     """Sort key: confidently wrong cases first, then by outcome, failed ones first."""
-    place = _ORDER.index(row["outcome"]) if row["outcome"] in _ORDER else len(_ORDER)
+    if row["outcome"] in _ORDER:
+        place = _ORDER.index(row["outcome"])
+    else:
+        place = len(_ORDER)
     return (0 if row.get("confidently_wrong") else 1, place)
 
 

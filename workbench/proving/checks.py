@@ -41,7 +41,8 @@ def program() -> str:
 
 def checks(exam: protocol.BenchmarkRun, rows: Sequence[Mapping]) -> list[Figure]:
     """The figures on independence and integrity, counted from the present files."""
-    makers, seals = maker_files(), protocol.published(exam)
+    makers = maker_files()
+    seals = protocol.published(exam)
     names = [row["case"] for row in rows]
     return [
         rate(

@@ -35,7 +35,9 @@ class Figure:
     @property
     def reached(self) -> bool | None:
         """True if value and number of cases meet the criterion; None without a criterion."""
-        return None if self.within is None else self.within and self.cases >= self.least
+        if self.within is None:
+            return None
+        return self.within and self.cases >= self.least
 
     @property
     def word(self) -> str:
@@ -73,9 +75,10 @@ def rate(
     hits = sum(bool(hit(row)) for row in rows)
     cases = len(rows)
     value = hits / cases if cases else None
-    is_within = (
-        None if limit is None or value is None else value <= limit if at_most else value >= limit
-    )
+    if limit is None or value is None:
+        is_within = None
+    else:
+        is_within = value <= limit if at_most else value >= limit
     return Figure(
         suite, name, hits, cases, value, *wilson(hits, cases), asked, is_within, min_cases
     )

@@ -44,7 +44,8 @@ def _weighed(recording: Path, truth: Mapping, answer: Mapping | None) -> dict:
 
     found = datasets.read(recording)
     bench = Bench(found, truth["baseline"])
-    before, after = bench.held_out(()), bench.held_out(rows)
+    before = bench.held_out(())
+    after = bench.held_out(rows)
     out = {"oracle_before_mm": before, "oracle_after_mm": after}
     if truth.get("part"):
         part = np.isin(found.sample_ids, truth["part"])
@@ -79,7 +80,8 @@ class Bench:
 
         added = {row[:2] for row in rows}
         baseline_rows = [row for row in self.baseline if row[:2] not in added]
-        model = Model(self.chain, make_effects(CATALOGUE, [*baseline_rows, *rows]))
+        effects = make_effects(CATALOGUE, [*baseline_rows, *rows])
+        model = Model(self.chain, effects)
         mask = stage_mask(model.parameters, geometry(self.robot), (), self.chain)
         mask[len(self.chain.parameters) :] = True
         return model, model.parameters.only(mask).nudged()

@@ -43,7 +43,9 @@ def supported(recording, name: str) -> tuple[Term, ...]:
     """Supported terms, strongest first: each lowers the held-out error conditional on the terms before it."""
     if name not in _kept:
         bench = Bench(recording, "geometry")
-        candidates, terms, best = _possible(bench), [], bench.predicted(())
+        candidates = _possible(bench)
+        terms = []
+        best = bench.predicted(())
         while candidates and len(terms) < _MOST_TERMS:
             tried = [
                 bench.predicted([t.row for t in (*terms, candidate)]) for candidate in candidates
@@ -221,5 +223,6 @@ def _fitted_geometry(recording) -> Geometry:
     residual, rows = model.linearise(fitted)
     flat = rows.reshape(len(rows), -1).T
     size = np.linalg.norm(flat, axis=0)
-    u, s, _ = thin_svd(flat[:, size > 0] / size[size > 0])
+    matrix = flat[:, size > 0] / size[size > 0]
+    u, s, _ = thin_svd(matrix)
     return Geometry(model, fitted.values, residual, u[:, s > 1e-8 * s[0]])

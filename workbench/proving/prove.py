@@ -33,7 +33,10 @@ def prove(
     all diagnosed cases of the folder, of this and of earlier calls. Raises InputError, also if a truth was changed.
     """
     count = stages.workers(jobs)
-    plan = tasks.Plan(()) if own_data else tasks.plan(suites, cases, seed)
+    if own_data:
+        plan = tasks.Plan(())
+    else:
+        plan = tasks.plan(suites, cases, seed)
     if own_data is None and not plan.tasks:
         raise InputError(
             "prove: no case can be created here: "

@@ -98,14 +98,17 @@ def _moving(name: str):
 
     found = datasets.read(name)
     found = found.select(found.moving)
-    return replace(found, columns={k: v for k, v in found.columns.items() if k != "fixed_to"})
+    columns = {k: v for k, v in found.columns.items() if k != "fixed_to"}
+    return replace(found, columns=columns)
 
 
 @lru_cache(maxsize=8)
 def _thinned(name: str):
     """A recording thinned to a size that is diagnosed in minutes."""
     found = _moving(name)
-    return found.select(found.poses % _THIN == 0) if name.startswith(_FARO) else found
+    if name.startswith(_FARO):
+        return found.select(found.poses % _THIN == 0)
+    return found
 
 
 # ------------------------------------------------------------------ removed terms
@@ -222,7 +225,9 @@ def score(truth: Mapping, record: Mapping, original: Mapping | None = None) -> d
 
 
 def _pairs(answer) -> set[tuple[str, str]]:
-    return {(c["effect"], c["where"]) for c in answer["effects"]} if answer else set()
+    if answer:
+        return {(c["effect"], c["where"]) for c in answer["effects"]}
+    return set()
 
 
 def _named(truth, answer, original) -> dict:

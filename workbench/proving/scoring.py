@@ -79,7 +79,10 @@ def score_answer(truth: Mapping, answer: Mapping) -> dict:
         "asks_for_it": names_words(truth.get("words", ()), answer),
     }
     unnamed = all(effect["effect"] == "unknown" for effect in true)
-    outcome = _outside_catalogue(true, answer, found) if unnamed else _named(true, answer, found)
+    if unnamed:
+        outcome = _outside_catalogue(true, answer, found)
+    else:
+        outcome = _named(true, answer, found)
     return found | {"outcome": outcome}
 
 
@@ -277,11 +280,10 @@ def _first(answer) -> dict:
     """Effect and place of the first claim; "nothing" without one."""
     for claim in answer["effects"][:1]:
         return {"effect": claim["effect"], "where": claim["where"]}
-    where = (
-        answer["located"][0]["where"]
-        if answer["located"] and answer["verdict"] != "consistent"
-        else "nothing"
-    )
+    if answer["located"] and answer["verdict"] != "consistent":
+        where = answer["located"][0]["where"]
+    else:
+        where = "nothing"
     return {"effect": "nothing" if answer["verdict"] == "consistent" else "unknown", "where": where}
 
 

@@ -43,7 +43,10 @@ def run(
     minutes: no diagnosis starts later than this from now. Cases are diagnosed by name, a random order; an
     incomplete run is therefore a random sample of all suites.
     """
-    until = float("inf") if minutes is None else time.time() + 60 * minutes
+    if minutes is None:
+        until = float("inf")
+    else:
+        until = time.time() + 60 * minutes
     exam = protocol.BenchmarkRun(folder)
     seals = protocol.published(exam)
     protocol.check(exam, seals)
@@ -117,7 +120,10 @@ def row_of(exam: protocol.BenchmarkRun, name: str, seals) -> dict:
             f"{exam.answer(name)} was changed after its case was unblinded. This benchmark run is invalid. "
             "Start it again in a new folder."
         )
-    scored = scoring.score(truth, record) if "rule" not in truth else _by_rule(exam, truth, record)
+    if "rule" not in truth:
+        scored = scoring.score(truth, record)
+    else:
+        scored = _by_rule(exam, truth, record)
     took = {"cpu_s": record.get("cpu_s", record["seconds"]), "program": record.get("program", "")}
     return {
         "case": name,

@@ -99,7 +99,9 @@ def _images() -> tuple[int, str]:
     from importlib.util import find_spec
 
     missing = [name for name in ("cv2", "scipy") if find_spec(name) is None]
-    return (0, f"the package {missing[0]} is missing") if missing else (10**6, "")
+    if missing:
+        return (0, f"the package {missing[0]} is missing")
+    return (10**6, "")
 
 
 def create_case(folder: Path, task: Task) -> str:

@@ -37,7 +37,9 @@ class Done:
     def overhead(self) -> float | None:
         """Worker time outside of runs, relative to the time in runs; None if no run was made."""
         worker_time = self.wall * self.workers
-        return None if not self.made else max(worker_time / self.seconds - 1, 0.0)
+        if not self.made:
+            return None
+        return max(worker_time / self.seconds - 1, 0.0)
 
 
 def part_size(study: Study) -> int:

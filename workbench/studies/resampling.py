@@ -63,4 +63,5 @@ def with_new_noise(calibration: Calibration, scale: float, rng: np.random.Genera
     sigma = model.sigma(parameters) * calibration.solution.fit.sigma_scale
     noisy = residual + scale * sigma * rng.normal(size=residual.shape)
     recording = calibration.recording
-    return replace(recording, columns=recording.columns | model.chain.measurement.columns(noisy))
+    columns = recording.columns | model.chain.measurement.columns(noisy)
+    return replace(recording, columns=columns)

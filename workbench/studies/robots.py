@@ -73,9 +73,10 @@ def _designed(study: Study, candidates: Recording, rng) -> np.ndarray:
             "raise scene.samples or lower it"
         )
     if design.choice in ("first", "random"):
-        chosen = (
-            np.arange(candidates.n) if design.choice == "first" else rng.permutation(candidates.n)
-        )
+        if design.choice == "first":
+            chosen = np.arange(candidates.n)
+        else:
+            chosen = rng.permutation(candidates.n)
         return np.sort(chosen[: design.count])
     from workbench.jobs.robot.poses import choose_poses
 
@@ -103,7 +104,9 @@ def _tests(study: Study, truth: Truth, rows: np.ndarray):
 
 
 def _suffix(value, unit) -> str:
-    return "" if value is None else f"_{value:g}{unit}"
+    if value is None:
+        return ""
+    return f"_{value:g}{unit}"
 
 
 def task_rows(tasks: Tasks, shown: Recording, chain: RobotChain) -> Recording:
@@ -133,7 +136,8 @@ def _true_points(truth: Truth, rows: Recording) -> Recording:
         bind(truth.model.chain.robot, blank, truth.model.chain.start), truth.model.effects
     )
     residual = model.residual(model.parameters.take_over(truth.parameters))
-    return replace(rows, columns=rows.columns | model.chain.measurement.columns(residual))
+    columns = rows.columns | model.chain.measurement.columns(residual)
+    return replace(rows, columns=columns)
 
 
 def simulated(world: World, stiffer: bool = False) -> Row:
@@ -295,11 +299,14 @@ def compensated(calibrations: dict[str, Calibration], world: World) -> Row:
 def _as_nominal(truth: Truth, programmed: Recording, readings: np.ndarray) -> float:
     """RMS, mm, between the true points at `readings` and a nominal arm at the programmed readings."""
     robot = truth.model.chain.robot
-    driven = {
-        f"q{k}_{'mm' if s else 'deg'}": values if s else np.rad2deg(values)
-        for k, (values, s) in enumerate(zip(readings.T, sliding(robot)), 1)
-    }
-    points = _true_points(truth, replace(programmed, columns=programmed.columns | driven))
+    driven = {}
+    for k, (values, s) in enumerate(zip(readings.T, sliding(robot)), 1):
+        if s:
+            driven[f"q{k}_{'mm' if s else 'deg'}"] = values
+        else:
+            driven[f"q{k}_{'mm' if s else 'deg'}"] = np.rad2deg(values)
+    rows = replace(programmed, columns=programmed.columns | driven)
+    points = _true_points(truth, rows)
     names = ("x_mm", "y_mm", "z_mm")
     seen = replace(
         programmed, columns=programmed.columns | {k: points.columns[k] for k in names}, sigma_mm=1.0

@@ -52,7 +52,10 @@ def _figures(study: Study, seed: int) -> Row:
     if study.recording is not None:
         return _of_recording(study, seed)
     world = robots.world(study, seed)
-    row = robots.simulated(world, study.kind == "compliance") if "simulate" in study.do else {}
+    if "simulate" in study.do:
+        row = robots.simulated(world, study.kind == "compliance")
+    else:
+        row = {}
     figures_of_run = {}
     if "calibrate" in study.do:
         figures_of_run = robots.calibrations(study, world.measured)

@@ -109,11 +109,10 @@ def _pairs(balls, true_balls):
     """Found balls, each with the nearest true centre."""
     centres = np.array([true_ball["centre_mm"] for true_ball in true_balls]).reshape(-1, 3)
     for ball in balls:
-        distances = (
-            np.linalg.norm(centres - ball.fit.centre, axis=1)
-            if ball.fit and len(centres)
-            else np.array([np.inf])
-        )
+        if ball.fit and len(centres):
+            distances = np.linalg.norm(centres - ball.fit.centre, axis=1)
+        else:
+            distances = np.array([np.inf])
         if distances.min() < ball.fit.radius:
             yield ball, centres[distances.argmin()]
 
@@ -140,13 +139,15 @@ def _by_incidence(balls: list[Ball]) -> Row:
         )
         angles.append(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
         distances.append(ball.fit.residual[used])
-    angle, distance = np.concatenate(angles), np.concatenate(distances)
+    angle = np.concatenate(angles)
+    distance = np.concatenate(distances)
     row: Row = {}
     for low, high in zip(BANDS_DEG, BANDS_DEG[1:]):
         band = distance[(angle >= low) & (angle < high)]
-        row[f"form_{low}_{high}deg_mm"] = (
-            float(np.sqrt((band**2).mean())) if band.size > 10 else None
-        )
+        if band.size > 10:
+            row[f"form_{low}_{high}deg_mm"] = float(np.sqrt((band**2).mean()))
+        else:
+            row[f"form_{low}_{high}deg_mm"] = None
     return row
 
 

@@ -35,7 +35,9 @@ class Axis(SceneTable):
 
     @property
     def paths(self) -> list[str]:
-        return [self.path] if isinstance(self.path, str) else self.path
+        if isinstance(self.path, str):
+            return [self.path]
+        return self.path
 
     @model_validator(mode="after")
     def _possible(self):
@@ -155,11 +157,10 @@ def read_study(path: Path) -> Study:
     The result is self-contained: it includes the keys of the scene, and paths are absolute. It can be sent to another
     process. Raises InputError with the file, the key and the expected value.
     """
-    path = (
-        home_of(path) / Path(path).with_suffix(".toml").name
-        if str(path) in study_names()
-        else Path(path)
-    )
+    if str(path) in study_names():
+        path = home_of(path) / Path(path).with_suffix(".toml").name
+    else:
+        path = Path(path)
     study = validated(Study, _toml(path, "study"), f"study {path}")
     if isinstance(study.scene, str):
         file = path.parent / study.scene
@@ -173,7 +174,9 @@ def read_study(path: Path) -> Study:
 
 def home_of(path: Path) -> Path:
     """The folder that paths in a study file are relative to."""
-    return STUDY_FILES if str(path) in study_names() else Path(path).parent
+    if str(path) in study_names():
+        return STUDY_FILES
+    return Path(path).parent
 
 
 def study_names() -> list[str]:
@@ -209,7 +212,9 @@ def _with_absolute_robot(scene: dict, folder: Path) -> dict:
 
 def _recording(name: str, folder: Path) -> str:
     """Absolute path of a recording folder relative to the study; other names are returned unchanged."""
-    return str((folder / name).resolve()) if (folder / name).is_dir() else name
+    if (folder / name).is_dir():
+        return str((folder / name).resolve())
+    return name
 
 
 def validated(kind, keys: dict, called: str):

@@ -220,7 +220,10 @@ def coverage(study_run, names: list[str]) -> list[dict]:
     }
     true = parameter_row(full_models, same_arm=True)
     # the true values are those of the first model, to which the noise is added
-    true_model = f"{Path(study.models[0]).stem}:" if study.resample.how == "noise" else None
+    if study.resample.how == "noise":
+        true_model = f"{Path(study.models[0]).stem}:"
+    else:
+        true_model = None
     rows = []
     for key in [name for name in names if f"{name}:std" in names and true.get(f"{name}:std")]:
         values = tables.columns(study_run.path, [key, f"{key}:std"])

@@ -46,7 +46,9 @@ def _grid(vary: Vary) -> int:
 
 
 def _levels(axis: Axis) -> int:
-    return axis.levels if axis.values is None else len(axis.values)
+    if axis.values is None:
+        return axis.levels
+    return len(axis.values)
 
 
 def _saltelli_base(vary: Vary) -> int:
@@ -73,7 +75,10 @@ def values_of(study: Study, run: int) -> dict[str, float | str | list]:
     place = (run - 1) // study.vary.repeats
     axes = study.vary.parameter
     if study.vary.method == "grid":
-        index = np.unravel_index(place, [_levels(axis) for axis in axes]) if axes else ()
+        if axes:
+            index = np.unravel_index(place, [_levels(axis) for axis in axes])
+        else:
+            index = ()
         return {axis.name: _level(axis, int(k)) for axis, k in zip(axes, index)}
     unit = _cube(study.vary.method, len(axes), _points(study.vary), study.seed, place // BLOCK)[
         place % BLOCK
@@ -100,7 +105,9 @@ def _cube(method: str, width: int, points: int, seed: int, block: int) -> np.nda
     with warnings.catch_warnings(
         action="ignore"
     ):  # warning on counts that are not powers of two: only the last block can be one
-        return sequence.fast_forward(block * BLOCK).random(rows) if block else sequence.random(rows)
+        if block:
+            return sequence.fast_forward(block * BLOCK).random(rows)
+        return sequence.random(rows)
 
 
 @lru_cache(maxsize=1)
@@ -130,7 +137,9 @@ def unit_of(axis: Axis, values: np.ndarray) -> np.ndarray:
 
 
 def _level(axis: Axis, k: int):
-    return axis.values[k] if axis.values is not None else _scaled(axis, k / (axis.levels - 1))
+    if axis.values is not None:
+        return axis.values[k]
+    return _scaled(axis, k / (axis.levels - 1))
 
 
 def _scaled(axis: Axis, u: float):
@@ -143,7 +152,9 @@ def _scaled(axis: Axis, u: float):
 
 def ends(axis: Axis) -> list:
     """Values at which a study is validated: both ends, or all listed values."""
-    return [axis.low, axis.high] if axis.values is None else list(axis.values)
+    if axis.values is None:
+        return [axis.low, axis.high]
+    return list(axis.values)
 
 
 def with_values(study: Study, values: dict) -> Study:
