@@ -256,7 +256,8 @@ def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray
     if after < robot.joints:
         places.append((after, A))
     lengths = np.array([robot.geometry[place] for place in places])
-    return tuple(5 * row + column for row, column in places), lengths
+    port_indices = tuple(5 * row + column for row, column in places)
+    return port_indices, lengths
 
 
 def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

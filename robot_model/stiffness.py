@@ -100,8 +100,9 @@ def _row(effect, chain, parameters, first: int, std) -> StiffnessRow | None:
     if unit != "rad/(N m)":
         return None
     is_loaded = np.ptp(chain.state.payload) > _VARIES_KG
-    known_from = MASSES if chain.robot.mass.any() else LOADS
-    if not chain.robot.mass.any() and not is_loaded and not chain.robot.payload_mass:
+    mass = chain.robot.mass
+    known_from = MASSES if mass.any() else LOADS
+    if not mass.any() and not is_loaded and not chain.robot.payload_mass:
         known_from = PRODUCT
     if known_from == PRODUCT or not is_clear:
         return StiffnessRow(effect.where, known_from, value, sigma, unit, is_clear)

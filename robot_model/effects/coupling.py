@@ -39,7 +39,8 @@ class JointCoupling(Effect):
     @classmethod
     def planned(cls, chain):
         """Of the last three joints: a later one from an earlier one (wrist gears), a slide from any (ball screw)."""
-        last = range(max(1, chain.robot.joints - 2), chain.robot.joints + 1)
+        joints = chain.robot.joints
+        last = range(max(1, joints - 2), joints + 1)
         turning = turning_joints(chain, PLANNED_RAD)
         for source in (k for k in last if f"joint-{k}" in turning):
             for moved in last:

@@ -297,9 +297,10 @@ def curve_candidates(chain) -> list[JointCurve]:
     )  # repeats count once, several reflectors of a pose do not
     visited = np.unique(poses, axis=1)
     rows = np.unique(np.concatenate([poses, chain.state.index[None]]), axis=1).shape[1]
-    numbers = chain.sigma.shape[0] * rows // chain.robot.joints
+    joints = chain.robot.joints
+    numbers = chain.sigma.shape[0] * rows // joints
     curves = []
-    for k in range(1, chain.robot.joints + 1):
+    for k in range(1, joints + 1):
         angle = visited[k - 1]
         if np.ptp(angle) < _MOVES["mm" if chain.slides(k) else "rad"]:
             continue
@@ -342,9 +343,10 @@ def describe_curves(model, parameters) -> list[dict]:
 
 def _own_error(model, parameters, joint: int, angle: np.ndarray) -> np.ndarray:
     """(n,) error of a joint (rad; mm of a slide) at its angles (n,): all terms that read nothing but this angle."""
-    drives = np.zeros((model.chain.robot.joints, len(angle)))
+    robot = model.chain.robot
+    drives = np.zeros((robot.joints, len(angle)))
     drives[joint - 1] = angle
-    coupling = model.chain.robot.coupling
+    coupling = robot.coupling
     variables = drives if coupling is None else coupling @ drives
     state = replace(model.chain.state, variables=variables)
     error = np.zeros(len(angle))

@@ -153,10 +153,11 @@ class YeCompliance(Effect):
         return ()
 
     def table(self, chain):
-        if chain.robot.joints != 6:
+        joints = chain.robot.joints
+        if joints != 6:
             raise InputError(
                 f"effect 'ye-compliance': expected an arm of six joints, found '{chain.robot.name}' "
-                f"with {chain.robot.joints} joints; use joint-compliance instead"
+                f"with {joints} joints; use joint-compliance instead"
             )
         # a gear of 20 kN m/rad under ten newtons; links of ten times that load, at a quarter of a metre
         loads = [

@@ -46,12 +46,13 @@ class MeasuredTilt(Effect):
     @classmethod
     def candidates(cls, chain):
         """Of the base and every link, by every accelerometer: it measures the tilt of what it is mounted on."""
-        known = map(Covariate.of, chain.state.covariates)
+        covariates = chain.state.covariates
+        known = map(Covariate.of, covariates)
         sensors = dict.fromkeys(
             str(covariate.place) for covariate in known if covariate.kind == "acceleration"
         )
         for sensor in sensors:
-            axes = level_axes(chain.state.covariates, sensor)
+            axes = level_axes(covariates, sensor)
             if axes is None:
                 continue
             for where in (*chain.places("base"), *chain.places("link")):

@@ -241,7 +241,8 @@ class Tree:
         if element is None:
             return 0.0, np.zeros(3)
         mass = _numbers(element, "mass", "value", (0.0,), f"{self.file}: link {link}")[0]
-        return mass, (self.places[link] @ _origin(element, f"{self.file}: link {link}"))[:3, 3]
+        centre = (self.places[link] @ _origin(element, f"{self.file}: link {link}"))[:3, 3]
+        return mass, centre
 
 
 def _is_of_arm(joint: Joint) -> bool:

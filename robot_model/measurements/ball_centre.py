@@ -100,7 +100,8 @@ class BallCentre:
         rotation = start.rotations[0].T
         shift = frames.end_origin.mean(1) + start.translations[:3]
         base = pose_values(rotation, self._ball_centroid() - rotation @ shift)
-        return base, pose_values(start.rotations[1], start.translations[3:])
+        tool = pose_values(start.rotations[1], start.translations[3:])
+        return base, tool
 
     def _ball_centroid(self) -> np.ndarray:
         """(3,) mean of the balls over the samples, artefact frame, mm."""

@@ -83,7 +83,8 @@ class ExternalPoint:
     def start(self, frames: Frames) -> tuple[np.ndarray, np.ndarray]:
         """Base pose (6,) and reflectors (3 R,): the best of the local minima over the base's rotation."""
         start = self.system(frames).starts()[0]
-        return base_values(start, frames, self.measured), start.translations[3:]
+        base = base_values(start, frames, self.measured)
+        return base, start.translations[3:]
 
     def system(self, frames: Frames) -> RotationSystem:
         """The equations of `start`, one sample a measured point."""

@@ -150,7 +150,8 @@ class LaserSpot(Contact):
             points[k] if s < 0 else _tilt(self.facing[k].T @ (points[k] - spheres[s][:3]))
             for k, s in enumerate(self.sphere)
         ]
-        return np.zeros(0), np.concatenate([pose_values(rotation, origin), *spheres, *places])
+        tool = np.concatenate([pose_values(rotation, origin), *spheres, *places])
+        return np.zeros(0), tool
 
     def _start_points(self, frames):
         """Beam origin (3,), rotation (3, 3) with z along the beam, points (K, 3): the best of three starts."""

@@ -425,7 +425,8 @@ def _damped_move(
         normal = normal + np.where(convex[:, None, None], second, 0.0)
     regular = normal + (scale * np.maximum(damping, 1e-10))[:, None, None] * np.eye(size)
     move = -np.linalg.solve(regular, gradient[:, :, None])[:, :, 0]
-    return move, -2 * (gradient * move).sum(1)
+    expected = -2 * (gradient * move).sum(1)
+    return move, expected
 
 
 _GENERATORS = np.array(

@@ -86,7 +86,8 @@ class PlaneTouch(Contact):
         size = np.linalg.norm(tilts, axis=1, keepdims=True)
         tilts = tilts / np.maximum(size, 1e-300) * np.arctan2(size, normals[:, 2:])
         planes = np.column_stack([tilts, (normals * middles).sum(1)])
-        return np.zeros(0), np.concatenate([tip, planes.ravel()])
+        tool = np.concatenate([tip, planes.ravel()])
+        return np.zeros(0), tool
 
     def _planes(self, tips):
         """(K, 3) unit normals, none pointing down, and (K, 3) middles of the planes through tips (n, 3)."""

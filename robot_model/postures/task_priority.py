@@ -137,7 +137,8 @@ def pose_difference(actual, target, point=(0.0, 0.0, 0.0)) -> np.ndarray:
 def pose_sizes(error) -> tuple:
     """(n,) mm and (n,) deg: the sizes of both parts of an error (6, n) in mm and rad."""
     rotation = np.rad2deg(np.sqrt((error[3:] ** 2).sum(0)))
-    return np.sqrt((error[:3] ** 2).sum(0)), rotation
+    position = np.sqrt((error[:3] ** 2).sum(0))
+    return position, rotation
 
 
 def priority_step(jacobian: np.ndarray, error: np.ndarray, ranks: tuple[int, int]) -> tuple:

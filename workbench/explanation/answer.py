@@ -152,7 +152,8 @@ def _bench_of_reference(bench: RobotBench, reference: references.Reference, reco
     def noise_of(residual, degrees):
         return replicates.noise(pose, index, residual, stated_sigma(bench.recording), degrees)[0]
 
-    return wider, references.shares(model, values, noise_of, reference.name)
+    shares = references.shares(model, values, noise_of, reference.name)
+    return wider, shares
 
 
 def _contains(effect, others) -> bool:

@@ -152,7 +152,8 @@ def _predicted(bench, terms, points, time, ends):
     free = np.flatnonzero(fit.parameters.mask)
     columns = np.searchsorted(free, np.arange(span.start, span.stop))
     covariance = displacement.T @ full_covariance[np.ix_(columns, columns)] @ displacement
-    return fit.parameters.values[span] @ displacement, np.sqrt(np.maximum(np.diag(covariance), 0))
+    error = np.sqrt(np.maximum(np.diag(covariance), 0))
+    return fit.parameters.values[span] @ displacement, error
 
 
 def _is_drift(effect) -> bool:

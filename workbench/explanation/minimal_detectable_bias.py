@@ -91,7 +91,8 @@ class _Table:
         self.first = np.concatenate([[0], np.cumsum([c.columns.shape[1] for c in all_candidates])])
         self.draws = _directions(self.first)
         self.length = self._sizes(self.gram)
-        self.raw = self._sizes(columns.T @ columns) / np.sqrt(problem.n)
+        sizes = self._sizes(columns.T @ columns)
+        self.raw = sizes / np.sqrt(problem.n)
         self.left = self._sizes(orthogonal.T @ orthogonal) / np.sqrt(problem.n)
         self.whole = self._sizes(total)
         self.parameter = self._sizes(

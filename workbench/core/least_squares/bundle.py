@@ -194,11 +194,15 @@ class _Problem:
         self.centre = np.concatenate(
             [parameters.nulls[free], *(np.ravel(f.values) for f in dense_families)]
         )
-        self.own_scale = np.ones(0) if eliminated is None else np.asarray(eliminated.typical, float)
+        if eliminated is None:
+            self.own_scale = np.ones(0)
+        else:
+            self.own_scale = np.asarray(eliminated.typical, float)
         self.own_precision = np.zeros(0) if eliminated is None else eliminated.precision
-        self.own_centre = (
-            np.zeros((0, 0)) if eliminated is None else np.array(eliminated.values, float)
-        )
+        if eliminated is None:
+            self.own_centre = np.zeros((0, 0))
+        else:
+            self.own_centre = np.array(eliminated.values, float)
 
     def dense(self, point):
         """(D,) dense unknowns of a point."""
@@ -327,7 +331,10 @@ class _Problem:
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.largest)
-        self.outcome = STALLED if decrement < 1e-3 * max(1.0, self.cost) else OUT_OF_STEPS
+        if decrement < 1e-3 * max(1.0, self.cost):
+            self.outcome = STALLED
+        else:
+            self.outcome = OUT_OF_STEPS
 
     def still(self, unit):
         """Whether it is not damping that makes a step small in a long valley: the last ones together were small too."""
@@ -362,7 +369,10 @@ class _Problem:
         rows = self.linearise(trial)
         if not self.cost_of(trial) < self.cost:
             return False
-        self.damping = self.damping / 8 if self.damping > 1e-10 * self.largest else 0.0
+        if self.damping > 1e-10 * self.largest:
+            self.damping = self.damping / 8
+        else:
+            self.damping = 0.0
         self.take(trial, rows)
         return True
 
@@ -413,7 +423,10 @@ class _Problem:
         degrees = self.degrees(schur, mix)
         normal = schur - np.diag(self.trust * self.scale**2 + _FLOOR)
         scale = self.own_scale[:, None]
-        inverse = self.inverse_own() * scale * scale.T if len(scale) else self.data.own
+        if len(scale):
+            inverse = self.inverse_own() * scale * scale.T
+        else:
+            inverse = self.data.own
         variance_left = [1.0 if self.weigh is None else _LEFT[len(r)] for r in self.point.residuals]
         squares = [
             float(w @ z) / share

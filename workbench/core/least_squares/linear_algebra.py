@@ -240,7 +240,8 @@ def posterior_of(
         return covariance @ right, np.diag(covariance).copy()
     upper = lapack.dtrtri(lower.T, lower=0)[0]
     mean = linalg.cho_solve((lower, True), right / size, check_finite=False) / size
-    return mean, np.einsum("ij,ij->i", upper, upper) / size**2
+    variances = np.einsum("ij,ij->i", upper, upper) / size**2
+    return mean, variances
 
 
 def _accurate_factor(total: np.ndarray, prior: np.ndarray) -> np.ndarray | None:

@@ -156,8 +156,10 @@ def _sentence(error: dict, where: str) -> str:
 def _place(path: tuple) -> tuple[str, list[str]]:
     """("joint 2, ", ["coupled", "ratio"]) of ("joint", 1, "coupled", "ratio")."""
     if len(path) > 1 and path[0] == "joint":
-        return f"joint {path[1] + 1}, ", [part for part in path[2:] if isinstance(part, str)]
-    return "", [part for part in path if isinstance(part, str)]
+        names = [part for part in path[2:] if isinstance(part, str)]
+        return f"joint {path[1] + 1}, ", names
+    names = [part for part in path if isinstance(part, str)]
+    return "", names
 
 
 def _known(place: str, names: list[str]) -> list[str]:

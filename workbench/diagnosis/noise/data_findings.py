@@ -25,11 +25,13 @@ def find_data_faults(
     found = (outlier_probability > 0.5) & is_move_known(problem.covariates, effects)
     # by Markov's inequality chance makes such a factor less than once in twenty times
     if factor < -np.log(1 - CONFIDENCE) or not found.any():
-        return np.zeros(problem.n, bool), spread
+        outliers = np.zeros(problem.n, bool)
+        return outliers, spread
     p = max(float(np.exp(-factor)), 1e-300)
     label = f"{found.sum()} of {problem.n}"
     probability = RARE_PRIOR / (RARE_PRIOR + (1 - RARE_PRIOR) * p)
-    return found, (*spread, Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0))
+    finding = Finding("outliers", "samples", label, (), p, probability, 0.0, 0.0)
+    return found, (*spread, finding)
 
 
 def is_move_known(
@@ -97,7 +99,8 @@ def _outlying(problem: Problem, name: str) -> tuple[float, np.ndarray]:
             )
         factor, probability[samples] = contaminated(white_rows)
         factors.append(factor)
-    return float(logsumexp(factors) - np.log(len(factors))), probability
+    wrong = float(logsumexp(factors) - np.log(len(factors)))
+    return wrong, probability
 
 
 def _spread(problem: Problem) -> tuple[Finding, ...]:

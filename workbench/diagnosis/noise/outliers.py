@@ -163,7 +163,8 @@ def tails(white: np.ndarray) -> tuple[float, float, float]:
     weights = np.exp(logs[is_student] - student)
     degrees = degrees[is_student]
     mean = float(weights @ degrees)
-    return float(student - gauss), mean, float(np.sqrt(weights @ (degrees - mean) ** 2))
+    std = float(np.sqrt(weights @ (degrees - mean) ** 2))
+    return float(student - gauss), mean, std
 
 
 def _on_scale_of_median(white: np.ndarray) -> np.ndarray | None:

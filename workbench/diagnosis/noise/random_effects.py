@@ -213,7 +213,8 @@ def _widths(site, z) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
     squares = np.einsum("nab,an->bn", vectors, z) ** 2
     spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
-    return spreads, 1 + spreads[:, None, None] ** 2 * values.T, squares
+    widths = 1 + spreads[:, None, None] ** 2 * values.T
+    return spreads, widths, squares
 
 
 def _unit(z: np.ndarray) -> np.ndarray:

@@ -131,10 +131,11 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
     Angles rad, slides mm, torques N m. `move<k>` needs the rows in the order in which they were measured.
     """
     recorded = dict(chain.state.covariates)
-    derived = {f"q{k}": q for k, q in enumerate(chain.state.drive_angles, 1)}
+    drive_angles = chain.state.drive_angles
+    derived = {f"q{k}": q for k, q in enumerate(drive_angles, 1)}
     history = None
     if chain.poses_per_sample == 1:  # the two ends of a length have no order
-        moves, history = moved(chain.robot, chain.state.drive_angles, clock(chain.state), pose)
+        moves, history = moved(chain.robot, drive_angles, clock(chain.state), pose)
         derived |= moves
     torques = _without_rounding(chain.state.torque)
     moments = _without_rounding(chain.state.moment)

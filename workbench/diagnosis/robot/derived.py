@@ -159,12 +159,13 @@ def with_estimated_options(
         return covariance
     scale = fit.sigma_scale**2
     white = np.sqrt(weights) / model.sigma(fit.parameters)
-    columns = (model.linearise(fit.parameters)[1] * white).reshape(fit.parameters.mask.sum(), -1)
+    mask = fit.parameters.mask
+    columns = (model.linearise(fit.parameters)[1] * white).reshape(mask.sum(), -1)
     slopes = np.stack(
         [_slope(model, fit, *option_of_effect) * white for option_of_effect in options.items()]
     )
     slopes = slopes.reshape(len(options), -1)
-    free = np.flatnonzero(fit.parameters.mask)
+    free = np.flatnonzero(mask)
     shared = covariance[:, free] @ (columns @ slopes.T) / scale
     information = slopes @ slopes.T - (columns @ slopes.T).T @ shared[free]
     return covariance + scale * shared @ np.linalg.pinv(information, hermitian=True) @ shared.T

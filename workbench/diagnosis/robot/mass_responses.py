@@ -136,4 +136,5 @@ def _sizes(state) -> np.ndarray:
 def _bodies(state) -> tuple[np.ndarray, np.ndarray]:
     """Masses (J + 1,) kg and centres (J + 1, 3) mm of the links and of the largest load."""
     masses = np.append(state.robot.mass, state.payload.max(initial=0.0))
-    return masses, np.vstack([state.robot.com, state.load_centre])
+    centres = np.vstack([state.robot.com, state.load_centre])
+    return masses, centres

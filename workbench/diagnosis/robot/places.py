@@ -56,11 +56,10 @@ def sites(chain, rows) -> tuple[Site, ...]:
     """Every place that may move, with the covariates that it may move with; rows as in `scans`."""
     covariates = chain.state.covariates
     general = tuple(c for c in covariates if np.ptp(covariates[c]) > 0 and _is_general(c))
-    angles = tuple(
-        f"q{k}" for k in range(1, chain.robot.joints + 1) if np.ptp(covariates[f"q{k}"]) > 0
-    )
+    joints = chain.robot.joints
+    angles = tuple(f"q{k}" for k in range(1, joints + 1) if np.ptp(covariates[f"q{k}"]) > 0)
     found = _joint_sites(chain, rows, angles, general)
-    for place, loads in _loads(chain.robot.joints).items():
+    for place, loads in _loads(joints).items():
         frame = _flat(rows("frame", chain.port_indices("frame", place)))
         names = tuple(dict.fromkeys((*angles, *_varying(covariates, loads), *general)))
         found.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))

@@ -24,7 +24,8 @@ _AKAIKE = 2.0
 
 def with_roots(scans: Recording, roots: np.ndarray) -> Recording:
     """The recording of scans with other roots (n, 3, 3)."""
-    return replace(scans, columns=dict(scans.columns) | dict(zip(ROOT, roots.reshape(-1, 9).T)))
+    columns = dict(scans.columns) | dict(zip(ROOT, roots.reshape(-1, 9).T))
+    return replace(scans, columns=columns)
 
 
 def roots_of(scans: Recording) -> np.ndarray:

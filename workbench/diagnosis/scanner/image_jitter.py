@@ -133,8 +133,12 @@ class _Stripes:
         scores = np.empty(len(poses))
         for k in range(len(poses)):
             of_pose, others = group == k, group != k
-            sigma = _likeliest(self.z[others], self.variance[others]) if random else 0.0
-            scores[k] = -_deviance(sigma**2, self.z[of_pose], self.variance[of_pose])
+            if random:
+                sigma = _likeliest(self.z[others], self.variance[others])
+            else:
+                sigma = 0.0
+            deviance = _deviance(sigma**2, self.z[of_pose], self.variance[of_pose])
+            scores[k] = -deviance
         return scores
 
 
@@ -156,12 +160,14 @@ def jitter_before_proof(bench, effects: Sequence[Effect], problem: Problem) -> I
     if plain is None or not effects:
         return None if plain is None else _image_jitter(bench, plain)
     fitted = _stripes(bench, tuple(effects), problem)
-    is_real = _paired_t(fitted.scores(True) - plain.scores(True)) > CRITICAL_T
+    gains = fitted.scores(True) - plain.scores(True)
+    is_real = _paired_t(gains) > CRITICAL_T
     return _image_jitter(bench, fitted if is_real else plain)
 
 
 def _image_jitter(bench, found: _Stripes) -> ImageJitter | None:
-    sigma, count = found.sigma, len(found.displaced)
+    sigma = found.sigma
+    count = len(found.displaced)
     # a displacement matters from the noise of one averaged point of a stripe on
     noise = float(np.median(bench.chains.board_stripes.sigma))
     if count < LEAST_NUMBER or not sigma > noise:
@@ -185,7 +191,8 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
     if chain is None:
         return None
     fold = schemes(bench.pose, problem)[0].fold
-    pose, step = chain.labels["placement"], chain.labels["step"]
+    pose = chain.labels["placement"]
+    step = chain.labels["step"]
     stripe, count = groups(pose, step)
     _, first = np.unique(stripe, return_index=True)
     weight = np.broadcast_to(chain.sigma, (1, chain.n))[0] ** -2.0
@@ -213,7 +220,8 @@ def _stripes(bench, effects, problem: Problem) -> _Stripes | None:
 def _smooth_rms(residual: np.ndarray, stripe: np.ndarray, position: np.ndarray) -> float:
     """px, RMS of the part of residuals (n,) that neighbours along a `stripe` (n,) share: noise is independent."""
     order = np.lexsort((position, stripe))
-    first, second = order[:-1], order[1:]
+    first = order[:-1]
+    second = order[1:]
     is_same_stripe = stripe[first] == stripe[second]
     products = residual[first] * residual[second]
     return float(np.sqrt(max(products[is_same_stripe].mean(), 0.0)))
@@ -230,12 +238,17 @@ def _fitted(bench, effects) -> np.ndarray:
 
 def _angles(chain, step: np.ndarray) -> np.ndarray:
     """(s,) where each stripe stands in the sweep: its mirror angle, or the number of its step."""
-    return step.astype(float) if chain.angles is None else chain.angles[step]
+    if chain.angles is None:
+        return step.astype(float)
+    return chain.angles[step]
 
 
 def _contrasts(means, variance, pose, step, angle, order) -> _Stripes | None:
     """Of means (2, s) px, held out and fitted, with variances (s,) px^2, within each board pose."""
-    z, spread, poses, displaced = [], [], [], np.full(means.shape[1], np.nan)
+    z = []
+    spread = []
+    poses = []
+    displaced = np.full(means.shape[1], np.nan)
     for k in np.unique(pose):
         of_pose = np.flatnonzero((pose == k) & np.isfinite(means).all(0))
         size = min(_DEGREE, len(of_pose) - 2) + 1
@@ -280,10 +293,14 @@ def _likeliest(z: np.ndarray, noise: np.ndarray) -> float:
         method="bounded",
     )
     sigma = float(np.exp(best.x))
-    return sigma if best.fun < _deviance(0.0, z, noise) else 0.0
+    if best.fun < _deviance(0.0, z, noise):
+        return sigma
+    return 0.0
 
 
 def _paired_t(gains: np.ndarray) -> float:
     """t of the mean of gains (G,) of board poses."""
     spread = gains.std(ddof=1) / np.sqrt(len(gains))
-    return float(gains.mean() / spread) if spread > 0 else 0.0
+    if spread > 0:
+        return float(gains.mean() / spread)
+    return 0.0

@@ -67,7 +67,8 @@ def independent_errors(white: np.ndarray, factor: np.ndarray) -> tuple[np.ndarra
     """V^-1/2 e and log det V of errors (k,) in units of their noise with V = 1 + F F', F (k, q)."""
     sides, spread, _ = np.linalg.svd(factor, full_matrices=False)
     lost = 1 - 1 / np.sqrt(1 + spread**2)
-    return white - sides @ (lost * (sides.T @ white)), float(np.log1p(spread**2).sum())
+    log_determinant = float(np.log1p(spread**2).sum())
+    return white - sides @ (lost * (sides.T @ white)), log_determinant
 
 
 def _errors_and_factor(kinds, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -153,7 +153,8 @@ def _likeliest_share(score: np.ndarray, size: np.ndarray) -> tuple[float, float]
     bounds = np.log(NEGLIGIBLE_SHARE * widest), np.log(10 * widest)
     share = float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
     information = 0.5 * float(((share**2 + size**-2.0) ** -2).sum())
-    return share, 0.5 / (share * float(np.sqrt(information)))
+    share_std = 0.5 / (share * float(np.sqrt(information)))
+    return share, share_std
 
 
 def scatter_next_to(bench, effects: tuple[Effect, ...]) -> FocalScatter | None:

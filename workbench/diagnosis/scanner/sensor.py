@@ -130,7 +130,8 @@ class SensorBench(Bench):
     ) -> Problem:
         """Baseline and effects solved on `samples` (n,) bool (None: all), linearised there; always with hypotheses."""
         del hypotheses
-        return Linear(self, tuple(effects), *self.solve(effects, samples), samples).problem()
+        linear = Linear(self, tuple(effects), *self.solve(effects, samples), samples)
+        return linear.problem()
 
     def solve(self, effects: Sequence[Effect] = (), samples: np.ndarray | None = None):
         """Chains on the samples, and the bundle's fit of baseline and effects there."""

@@ -82,7 +82,8 @@ def with_remaining_shared_errors(
     remainder = residual_of_stripes(chains, effects, fit)
     sigma = np.zeros(len(shared.sigma))
     for kind in (2, 0, 1):  # board poses, stripes, tilts of stripes
-        shape, label = shared.shapes[kind], shared.labels[kind]
+        shape = shared.shapes[kind]
+        label = shared.labels[kind]
         squares = np.bincount(label, shape**2)
         size = np.bincount(label, shape * remainder) / np.maximum(squares, 1e-12)
         remainder = remainder - shape * size[label]
@@ -200,6 +201,7 @@ class Linear:
             sample.append(np.tile(np.arange(first, first + count), len(part.residual)))
             first += count
         residuals = [(part.residual * np.sqrt(part.weights)).ravel() for part in all_parts]
+        covariates = {name: column[used] for name, column in self.bench.covariates.items()}
         return Problem(
             residual=np.concatenate(residuals),
             basis=self.basis,
@@ -208,7 +210,7 @@ class Linear:
             sigma=np.concatenate([part.sigma.ravel() for part in all_parts]),
             pose=self.bench.pose[used],
             order=self.bench.order[used],
-            covariates={name: column[used] for name, column in self.bench.covariates.items()},
+            covariates=covariates,
             sites=self.sites(),
             candidates=self.candidates(),
             scans=self.scans(),
@@ -238,7 +240,8 @@ class Linear:
 
     def family(self, name: str, family: Family) -> np.ndarray:
         """(G L, N) whitened columns of a family's groups that have samples."""
-        blocks, groups = [], len(family.values)
+        blocks = []
+        groups = len(family.values)
         for part in self.parts:
             columns_of_groups = np.zeros((groups, family.length, part.root.size))
             if name in _FAMILIES[part.name]:
@@ -324,7 +327,8 @@ class Linear:
             chain = part.model.chain
             rows = part.evaluation.rows(effect.port, np.asarray(effect.port_indices(chain)))
             blocks.append(np.einsum("pkn,kmn->pmn", effect.basis(chain.state), rows))
-        return self.flat(blocks).T, np.array([p.typical for p in effect.parameters(chain)])
+        typical = np.array([p.typical for p in effect.parameters(chain)])
+        return self.flat(blocks).T, typical
 
     def scans(self) -> tuple[Scan, ...]:
         """Effects with one option on a fine grid, as far as the steps of the mirror can show it."""
@@ -409,7 +413,9 @@ def rounding_std(angles: np.ndarray) -> float:
         if (np.abs(scaled - np.rint(scaled)) < NEGLIGIBLE_SHARE).all():
             gaps = np.diff(np.rint(scaled))
             is_exact = np.ptp(gaps) == 0 or 1 > _COARSEST * np.median(gaps)
-            return 0.0 if is_exact else float(np.deg2rad(10.0**-digits) / np.sqrt(12))
+            if is_exact:
+                return 0.0
+            return float(np.deg2rad(10.0**-digits) / np.sqrt(12))
     return 0.0
 
 

@@ -88,7 +88,8 @@ def large(bench, bare: Problem, h: Hypothesis) -> bool:
     values = np.linalg.lstsq(
         bare.orthogonalise(columns), bare.orthogonalise(bare.residual), rcond=1e-3
     )[0]
-    sizes = values * h.source.typical / bench.typical(h.effects[0])
+    typical = bench.typical(h.effects[0])
+    sizes = values * h.source.typical / typical
     return bool((np.abs(sizes) > _LARGE).any())
 
 

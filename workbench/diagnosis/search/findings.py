@@ -85,8 +85,9 @@ def finding(
     )
     if names and accepted.key in names:
         result = _with_set_posterior(result, shares, names)
-    if search.bench.chain is not None:
-        result = with_equivalent_places(result, search.bench.chain.robot.joints)
+    chain = search.bench.chain
+    if chain is not None:
+        result = with_equivalent_places(result, chain.robot.joints)
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, tested, result)
     more = (*_own_gravity(search, i, table), *_own_torque(search, i))

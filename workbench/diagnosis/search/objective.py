@@ -130,7 +130,8 @@ class ConditionalSolution:
         rows = order[np.searchsorted(self._columns[order], columns)]
         inverse_eigenvalues = self._inverse_eigenvalues[size]
         vectors = self._vectors[size if len(self._vectors) > 1 else 0][rows]
-        return vectors @ self._solution[size], np.sqrt((vectors**2 * inverse_eigenvalues).sum(1))
+        spread = np.sqrt((vectors**2 * inverse_eigenvalues).sum(1))
+        return vectors @ self._solution[size], spread
 
     def blocks(self, columns: np.ndarray) -> np.ndarray:
         """(S, C, w, w) what is left of the inner products of C terms with columns (C, w)."""

@@ -306,4 +306,5 @@ class _Profile:
     def _solved(self, value: float) -> tuple[np.ndarray, np.ndarray]:
         """Columns (N, P) at a value, the baseline projected out, and their coefficients (P,)."""
         columns = self.projected.problem.orthogonalise(self.family.columns(value))
-        return columns, least_squares(columns, self.projected.y, ROUNDING)
+        coefficients = least_squares(columns, self.projected.y, ROUNDING)
+        return columns, coefficients

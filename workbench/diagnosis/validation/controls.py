@@ -276,7 +276,8 @@ class _Trial:
         of_rows, of_basis = self._sums
         flat = small.reshape(len(small), -1)
         weighted = np.einsum("pkn,kln->pln", small, of_rows).reshape(flat.shape)
-        return weighted @ flat.T, (flat @ of_basis).T, flat @ self._sums_with(y)
+        scores = flat @ self._sums_with(y)
+        return weighted @ flat.T, (flat @ of_basis).T, scores
 
     @cached_property
     def _sums(self) -> tuple[np.ndarray, np.ndarray] | None:

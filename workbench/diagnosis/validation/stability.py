@@ -64,7 +64,8 @@ def stable_terms(
     t = combined_t(values, bench.sigma)
     if not t > critical_t(bench.sigma):
         reason = f"the nested search does not reduce the held-out error significantly (t = {t:.1f})"
-        return [], [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
+        lost = [replace(term, kept=False, t_nested=t, reason=reason) for term in terms]
+        return [], lost
     folds = _Folds(bench, terms, nested, inliers)
     tested = [folds.tested_in_folds(number, term) for number, term in enumerate(terms)]
     return [result for result in tested if result.kept], [

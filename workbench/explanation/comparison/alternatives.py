@@ -59,7 +59,8 @@ def _project_out(columns, white, known) -> tuple[np.ndarray, np.ndarray]:
         return columns, white
     fitted = least_squares(known.T, np.column_stack([columns.T, white]))
     remaining = np.column_stack([columns.T, white]) - known.T @ fitted
-    return remaining[:, :-1].T, remaining[:, -1]
+    orthogonal = remaining[:, :-1].T
+    return orthogonal, remaining[:, -1]
 
 
 def _explained(gram, right, member_sets) -> np.ndarray:

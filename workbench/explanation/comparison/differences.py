@@ -162,7 +162,9 @@ def _projected(
 def _cleared(always, columns, white) -> tuple[np.ndarray, np.ndarray]:
     """Candidate columns (C, N) and residual (N,) with all that is always estimated projected out."""
     basis = _basis(always)
-    return columns - (columns @ basis) @ basis.T, white - basis @ (basis.T @ white)
+    orthogonal = columns - (columns @ basis) @ basis.T
+    remaining = white - basis @ (basis.T @ white)
+    return orthogonal, remaining
 
 
 def _basis(columns) -> np.ndarray:

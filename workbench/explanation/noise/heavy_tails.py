@@ -33,7 +33,8 @@ def heavy_tails(stated: StatedNoise) -> Term | None:
         _row("degrees", "degrees of freedom of Student's t distribution", degrees, std),
         _row("factor", "RMS of the noise over the stated sigma", level.factor, level.error),
     )
-    return Term(Finding(EFFECT, "noise", label, (), p, 1.0 - p, 0.0, 0.0), rows)
+    finding = Finding(EFFECT, "noise", label, (), p, 1.0 - p, 0.0, 0.0)
+    return Term(finding, rows)
 
 
 def _row(name: str, label: str, value: float, std: float) -> dict:

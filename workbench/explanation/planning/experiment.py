@@ -234,9 +234,9 @@ def _missing(terms: Sequence[Term], others: bool = False) -> str:
 
 
 def _by_word(term: Term) -> str:
+    alternatives = term.finding.alternatives
     others = [
-        f"{alternative.effect} at {place(alternative.where)}"
-        for alternative in term.finding.alternatives[:3]
+        f"{alternative.effect} at {place(alternative.where)}" for alternative in alternatives[:3]
     ]
     first_effect = next(iter(term.finding.effects), None)
     reads = first_effect.reads if first_effect else ()
@@ -245,7 +245,7 @@ def _by_word(term: Term) -> str:
         aim = f"distinguish {_called(term)} from {listed(others, 'or')}"
     else:
         aim = f"learn what makes {_called(term)}"
-    is_confounded = any(a.why == CONFOUNDED for a in term.finding.alternatives)
+    is_confounded = any(a.why == CONFOUNDED for a in alternatives)
     if first_effect and is_confounded and first_effect.distinguished_by:
         return f"To {aim}, {first_effect.distinguished_by}."
     if not names:

@@ -96,7 +96,8 @@ def _with_probable_noise(
     stated = 0.0 if chain.sigma_unknown else chain.stated_sigma
     sigma = np.maximum(factor * chain.sigma, stated)
     chain = replace(chain, sigma=sigma)
-    return chain, part.with_chain(replace(part.chain, sigma=chain.sigma[:, fitted]))
+    model = part.with_chain(replace(part.chain, sigma=chain.sigma[:, fitted]))
+    return chain, model
 
 
 __all__ = ["fit_with_noise", "solve_independent"]

@@ -281,10 +281,11 @@ def _shared(calibration) -> list[str]:
     names = _large_errors(calibration)
     if not names:
         return []
-    ratio = calibration.shared.errors.largest / calibration.shared.errors.noise
+    errors = calibration.shared.errors
+    ratio = errors.largest / errors.noise
     return [
         f"Corners are displaced by the same in many images, by {ratio:.2g} times their noise (1 sigma: "
-        f"{calibration.shared.errors.names}): {' and '.join(_CAUSES[name] for name in names)}. The stated uncertainty "
+        f"{errors.names}): {' and '.join(_CAUSES[name] for name in names)}. The stated uncertainty "
         "includes it, more images do not average it out"
     ]
 

@@ -101,7 +101,8 @@ def _with_convention(convention):
     def apply(robot, recording):
         parallel = np.abs(np.sin(robot.geometry[:, 3])) < np.sin(np.deg2rad(1))
         parallel[-1 if convention == "distal" else 0] = False
-        return replace(robot, convention=convention, hayati=parallel), recording
+        arm = replace(robot, convention=convention, hayati=parallel)
+        return arm, recording
 
     return apply
 

@@ -35,7 +35,8 @@ def joint_rounding(robot, recording, fit) -> tuple[list[str], float, float]:
     # a reading moves every joint that the mixing couples to it
     by_reading = np.einsum("jr,jcn->rcn", robot.mixing, _joint_rows(robot, fit))
     squares = (by_reading**2).sum(1).mean(1) * deviation**2
-    return rounded, float(steps.max()), float(np.sqrt(squares.sum()))
+    predicted = float(np.sqrt(squares.sum()))
+    return rounded, float(steps.max()), predicted
 
 
 def _joint_rows(robot, fit) -> np.ndarray:

@@ -34,7 +34,8 @@ def dimension_suspicion(robot, recording, fit: Fit) -> Suspicion | None:
         if p.unit != "mm" or not _is_length(p.key, robot) or sigma > _DETERMINED * expected:
             continue
         off = value - p.null
-        if abs(off) > _tolerance_mm(robot, _joint(p.key)) + _SIGNIFICANT * sigma:
+        tolerance_mm = _tolerance_mm(robot, _joint(p.key))
+        if abs(off) > tolerance_mm + _SIGNIFICANT * sigma:
             name = p.key.partition(".")[2]
             found.append(
                 f"{name} = {with_std(value, sigma)} mm instead of {p.null:g} ({off:+.3g} mm)"

@@ -239,7 +239,8 @@ def _what_moved(robot, recording, fits, split):
         except (np.linalg.LinAlgError, InputError):
             unexplained[place] = np.inf
     moved = row_mismatch(robot, later, first)
-    return _likeliest(unexplained, _SIMPLER), float(np.sqrt((moved**2).mean()))
+    shift = float(np.sqrt((moved**2).mean()))
+    return _likeliest(unexplained, _SIMPLER), shift
 
 
 def _zero_of(place: str) -> str:
