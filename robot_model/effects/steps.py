@@ -156,7 +156,7 @@ class TargetShift(RepeatedStep, AfterInstant, Effect):
 
 
 class Loosening(Effect):
-    """The tool loosens: it gives way to its own weight by more and more in the course of the recording.
+    """The tool loosens: its deflection under its own weight grows during the recording.
 
     The sag grows linearly from `start` to `end`, in the unit of the clock: along each axis of the flange with the
     component of gravity along it, and as a rotation about the axis across the tool's z and gravity.
