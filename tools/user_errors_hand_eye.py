@@ -28,8 +28,8 @@ pose, or real (`handeye_open3dv`, with the result of the correct recording as re
 
 - **refused**, **warned**: the message names the right cause. A mistake is refused if the estimated board pose has
   more scatter than an arm that was never calibrated makes (1 mm, and 0.2 % of the distance from flange to board), else
-  warned of, and the verdict is then not passed (exit status 1). The same mistake, such as a board square × 1.05, may be refused in a
-  recording with other poses.
+  warned of, and the verdict is then not passed (exit status 1). The same mistake, such as a board square
+  × 1.05, may be refused in a recording with other poses.
 - *refused, other cause*, *warned, other cause*: the message names something else.
 - harmless: the result is correct despite the mistake (within 3 mm and 0.5 deg).
 - SILENT: a wrong result without a warning.

@@ -128,9 +128,11 @@ class Scan:
 
     def with_exact_option(self, value: float) -> "Scan":
         """The family of one value, which has the prior weight of the nearest one."""
-        nearest = int(np.argmin(np.abs(self.options - value)))
+        distance = np.abs(self.options - value)
+        nearest = int(np.argmin(distance))
         weight = self.prior_weight[nearest : nearest + 1]
-        return replace(self, options=np.array([value]), prior_weight=weight, is_exact=True)
+        options = np.array([value])
+        return replace(self, options=options, prior_weight=weight, is_exact=True)
 
 
 @dataclass(frozen=True)
@@ -181,5 +183,7 @@ def step_function(x: np.ndarray, option: float, centred: bool) -> np.ndarray:
 def _function_columns(place: Scan | Site, functions: np.ndarray, problem) -> np.ndarray:
     """(N, k V) columns of functions (V, E n) of the arm poses on every component of a place."""
     functions = functions[:, problem.ends.numbers(problem.sample)]
-    columns = problem.ends.joined(place.typical[:, None, None] * place.rows[:, None] * functions)
-    return columns.reshape(-1, len(problem.sample)).T
+    scaled_rows = place.typical[:, None, None] * place.rows[:, None]
+    columns = problem.ends.joined(scaled_rows * functions)
+    by_number = columns.reshape(-1, len(problem.sample))
+    return by_number.T

@@ -34,7 +34,8 @@ class RealOption:
     def changed(self, effect: Effect, step: float) -> Effect:
         """An effect with another value of this option, `step` standard deviations away."""
         value = self.value + step * self.std
-        return type(effect)(effect.where, **effect.options | {self.name: value})
+        options = effect.options | {self.name: value}
+        return type(effect)(effect.where, **options)
 
 
 Options = Mapping[Effect, RealOption]
@@ -74,5 +75,7 @@ def with_variation(rows: Sequence[Mapping], variation: float) -> tuple:
     """
     if not rows or not variation:
         return tuple(rows)
-    std = math.hypot(rows[0]["std"], variation * rows[0]["value"])
+    first = rows[0]
+    std_of_variation = variation * first["value"]
+    std = math.hypot(first["std"], std_of_variation)
     return ({**rows[0], "std": std}, *rows[1:])

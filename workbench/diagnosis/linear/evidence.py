@@ -21,9 +21,10 @@ from scipy.sparse import csr_array
 from scipy.special import betainc, logsumexp
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import CHUNK_SIZE, LEAST_NUMBER, ROUNDING
+from workbench.diagnosis.levels import CHUNK_SIZE, ROUNDING
 from workbench.diagnosis.linear.candidates import Scan, step_function
-from workbench.diagnosis.linear.problem import POSE_MEANS, Problem
+from workbench.diagnosis.linear.design_effect import cached, design_effect, remaining_residual
+from workbench.diagnosis.linear.problem import Problem
 
 Linear = Callable[[np.ndarray], np.ndarray]
 SIZES = np.geomspace(0.1, 100.0, 7)
@@ -47,7 +48,8 @@ class Moments:
     @classmethod
     def joined(cls, groups: "list[Moments]") -> "Moments":
         """Of several groups of hypotheses with equally many columns, as one."""
-        columns = zip(*((part.gram, part.score, part.raw) for part in groups))
+        arrays = ((part.gram, part.score, part.raw) for part in groups)
+        columns = zip(*arrays)
         return cls(*map(np.concatenate, columns))
 
 
@@ -65,11 +67,15 @@ class Scores:
         """Evidence, p-value, gain and rank of one hypothesis."""
         gain = float(self.gain[i])
         rank = int(self.rank[i])
-        return float(self.evidence[i]), float(self.p[i]), gain, rank
+        evidence = float(self.evidence[i])
+        p = float(self.p[i])
+        return evidence, p, gain, rank
 
     def part(self, chosen: slice) -> "Scores":
         """Those of some of the hypotheses."""
-        return Scores(self.evidence[chosen], self.gain[chosen], self.rank[chosen], self.p[chosen])
+        evidence = self.evidence[chosen]
+        gain = self.gain[chosen]
+        return Scores(evidence, gain, self.rank[chosen], self.p[chosen])
 
 
 class Projected:
@@ -83,7 +89,7 @@ class Projected:
     def __init__(self, problem: Problem, remainder: Problem | None = None):
         """remainder: the problem that keeps more effects, where more are fitted; its design effect counts."""
         self.problem, self.retained = problem, problem.retained
-        self.y = _residual(problem)
+        self.y = remaining_residual(problem)
         self.design_effect = design_effect(problem if remainder is None else remainder)
         # a set of effects may spend all numbers of a fold: the residual is then zero, and so is all evidence
         self.yy = float(self.y @ self.y) / self.design_effect
@@ -122,7 +128,8 @@ class Projected:
         if 2 * retained.mixing.shape[1] < cross.shape[2]:
             projections = _product(cross, retained.within_whole)
             remaining = _without_projections(gram, projections)
-            return Moments(remaining, score - projections @ retained.score, largest)
+            score_given_all = score - projections @ retained.score
+            return Moments(remaining, score_given_all, largest)
 
         def given_all():
             return _without_projections(gram, cross), score - cross @ full_subspace.score
@@ -162,7 +169,8 @@ class Projected:
         number = problem.ends.numbers(problem.sample)
         n = problem.ends.count * problem.n
         size = len(number)
-        return csr_array((np.ones(size), (number, np.arange(size))), shape=(n, size))
+        indices = (number, np.arange(size))
+        return csr_array((np.ones(size), indices), shape=(n, size))
 
     def row_sums(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(k, E n, R) sums over each arm pose's coordinates of rows (k, E N) times columns (E N, R)."""
@@ -171,7 +179,8 @@ class Projected:
         if not self._is_even:
             return np.stack([self.sums(columns * row[:, None]) for row in rows])
         by_sample = columns.reshape(count, n, -1).swapaxes(0, 1)
-        return (rows.reshape(-1, count, n).transpose(2, 0, 1) @ by_sample).swapaxes(0, 1)
+        by_row = rows.reshape(-1, count, n).transpose(2, 0, 1)
+        return (by_row @ by_sample).swapaxes(0, 1)
 
     @cached_property
     def _is_even(self) -> bool:
@@ -194,67 +203,15 @@ class Projected:
         widths = np.array([group.score.shape[1] for group in groups])
         for width in np.unique(widths):
             rows = np.flatnonzero(widths == width)
-            moments = Moments.joined([groups[i] for i in rows])
+            members = [groups[i] for i in rows]
+            moments = Moments.joined(members)
             scores = self.score_hypotheses(moments)
-            ends = np.cumsum([len(groups[i].score) for i in rows])
+            counts = [len(groups[i].score) for i in rows]
+            ends = np.cumsum(counts)
             for i, end in zip(rows, ends):
-                found[i] = scores.part(slice(end - len(groups[i].score), end))
+                first = end - len(groups[i].score)
+                found[i] = scores.part(slice(first, end))
         return found
-
-
-def design_effect(problem: Problem) -> float:
-    """Kish's design effect of the coordinates of one pose, whose errors correlate, at least 1.
-
-    Repeats of a pose share what the model misses there; they say ten times the same. The mean square of the residual's
-    means over the samples of a pose against that of all coordinates (Kish, Survey Sampling, 1965: for equal numbers of
-    repeats it is 1 + (m - 1) rho). Each by its own degrees of freedom, since a fit takes most of its own from the
-    means: a set of terms that follows every pose would make the repeats seem independent.
-    Times that of noise that is correlated from pose to pose.
-    """
-    y = _residual(problem)
-    m = len(y) // problem.n
-    _, label, count = np.unique(problem.pose, return_inverse=True, return_counts=True)
-    if len(count) == problem.n or len(y) != m * problem.n:
-        return problem.serial_effect
-    cell = np.tile(label, m) + len(count) * np.repeat(np.arange(m), problem.n)
-    means = csr_array((1 / np.sqrt(count[label[problem.sample]]), (cell, np.arange(len(y)))))
-    free = m * len(count) - _spent_on_means(problem, means)
-    shared = float(((means @ y) ** 2).sum()) / max(free, LEAST_NUMBER)
-    mean_square = max(float(y @ y), 1e-300) / max(len(y) - problem.rank, 1)
-    return problem.serial_effect * max(shared / mean_square, 1.0)
-
-
-def _spent_on_means(problem: Problem, means: csr_array) -> float:
-    """Degrees of freedom that the fit takes from means (M, N) of the samples of each pose: |means Q|^2, Q its basis.
-
-    Of retained effects by the inner products of their columns' means, which are computed once a solution.
-    """
-    spent = float(((means @ problem.basis) ** 2).sum())
-    if problem.retained is None:
-        return spent
-    added, mixing = problem.retained.added, problem.retained.mixing
-
-    def of_all_effects():
-        of_columns = means @ added.columns
-        return of_columns.T @ of_columns
-
-    gram = cached(problem.cache, (POSE_MEANS,), of_all_effects)
-    return spent + float(((gram @ mixing) * mixing).sum())
-
-
-def _residual(problem: Problem) -> np.ndarray:
-    """(N,) the residual, orthogonal to the baseline and to the retained effects."""
-    retained = problem.retained
-    if retained is None:
-        return problem.orthogonalise(problem.residual)
-    return retained.y
-
-
-def cached(cache: dict, key, make):
-    """Result of `make()`, computed once."""
-    if key not in cache:
-        cache[key] = make()
-    return cache[key]
 
 
 def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -264,7 +221,9 @@ def _projections(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 def _product(blocks: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """(C, P, R) blocks (C, P, A) times a matrix (A, R), as one product: many small ones take far longer."""
-    return (blocks.reshape(-1, len(matrix)) @ matrix).reshape(*blocks.shape[:2], matrix.shape[1])
+    rows = blocks.reshape(-1, len(matrix))
+    product = rows @ matrix
+    return (product).reshape(*blocks.shape[:2], matrix.shape[1])
 
 
 def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
@@ -317,12 +276,15 @@ class SampleSums:
 
         def made(basis):
             sums = np.stack([linear(values) for values in basis], 1)  # (C, k, V, R)
-            return sums.reshape(*typical.shape, -1) * typical[:, :, None]
+            by_sum = sums.reshape(*typical.shape, -1)
+            return by_sum * typical[:, :, None]
 
         def first():
             products = raw() * typical[:, :, None] * typical[:, None, :]
-            largest = np.einsum("cpp->cp", products).max(1)
-            return _without_projections(products, made(self.basis)), largest
+            diagonals = np.einsum("cpp->cp", products)
+            largest = diagonals.max(1)
+            remaining = _without_projections(products, made(self.basis))
+            return remaining, largest
 
         def coupling():
             score = linear(self.score).swapaxes(1, 2).reshape(count, -1)
@@ -350,7 +312,8 @@ class SampleSums:
             out = np.empty((groups, k, count, k, count))
             for i in range(k):
                 for j in range(i + 1):
-                    part = (waves * self.squares[i, :, j]) @ waves.swapaxes(1, 2)  # symmetric
+                    weighted = waves * self.squares[i, :, j]
+                    part = (weighted) @ waves.swapaxes(1, 2)  # symmetric
                     out[:, i, :, j] = out[:, j, :, i] = part
             return out.reshape(groups, k * count, k * count)
 
@@ -411,43 +374,56 @@ def log_evidence(volume: np.ndarray, gain: np.ndarray, projected: "Projected") -
 def log_evidence_by_size(volume: np.ndarray, gain: np.ndarray, projected) -> np.ndarray:
     """The same of each size by itself."""
     share = np.minimum(gain / (projected.yy + _ANCHOR), 1 - 1e-12)
-    return -0.5 * volume - 0.5 * (projected.degrees + _ANCHOR) * np.log1p(-share)
+    exponent = 0.5 * (projected.degrees + _ANCHOR)
+    return -0.5 * volume - exponent * np.log1p(-share)
 
 
 def log_null(projected) -> float:
     """Log evidence of no term at all, up to a constant of the samples: of problems about several solutions."""
-    return float(-0.5 * (projected.degrees + _ANCHOR) * np.log(projected.yy + _ANCHOR))
+    degrees = projected.degrees + _ANCHOR
+    return float(-0.5 * (degrees) * np.log(projected.yy + _ANCHOR))
 
 
 def marginalise_sizes(logs: np.ndarray) -> np.ndarray:
     """Log of the average over the sizes (the first axis) of exp(logs), each size as likely as it is."""
-    logs = logs + _LOG_PRIOR.reshape(-1, *[1] * (logs.ndim - 1))
+    further_axes = [1] * (logs.ndim - 1)
+    logs = logs + _LOG_PRIOR.reshape(-1, *further_axes)
     top = logs.max(0)
-    return top + np.log(np.exp(logs - top).sum(0))
+    ratios = np.exp(logs - top)
+    return top + np.log(ratios.sum(0))
 
 
 def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     """Evidence against nothing, fall of y'y, rank and F-test p-value of C hypotheses; p = 1 where no degree of freedom
     would remain."""
     values, vectors = symmetric_eigen(moments.gram)
-    seen = values > np.maximum(ROUNDING * moments.raw, 1e-12)[:, None]
+    least_value = np.maximum(ROUNDING * moments.raw, 1e-12)
+    seen = values > least_value[:, None]
     values = np.where(seen, values, 0.0)
-    projected = np.where(seen, np.einsum("cpq,cp->cq", vectors, moments.score), 0.0)
-    gain = np.divide(projected**2, values, out=np.zeros_like(values), where=seen).sum(1)
+    coordinates = np.einsum("cpq,cp->cq", vectors, moments.score)
+    projected = np.where(seen, coordinates, 0.0)
+    ratio = np.divide(projected**2, values, out=np.zeros_like(values), where=seen)
+    gain = ratio.sum(1)
     gain = np.minimum(gain, (1 - 1e-12) * yy)
     rank = seen.sum(1)
     spread = SIZES[:, None, None] ** 2
-    share = (projected**2 * spread / (1 + spread * values)).sum(-1) / (yy + _ANCHOR)
+    explained = projected**2 * spread / (1 + spread * values)
+    share = (explained).sum(-1) / (yy + _ANCHOR)
     volume = np.log1p(spread * values).sum(-1)
-    log_remainder = np.log1p(-np.minimum(share, 1 - 1e-12))
+    limited_share = np.minimum(share, 1 - 1e-12)
+    log_remainder = np.log1p(-limited_share)
     logs = -0.5 * volume - 0.5 * (degrees + _ANCHOR) * log_remainder
     evidence = marginalise_sizes(logs)
     remaining_degrees = np.maximum(degrees - rank, 1)
     remaining_share = 1 - gain / max(yy, 1e-300)
-    tail = betainc(remaining_degrees / 2, np.maximum(rank, 1) / 2, remaining_share)
+    tested_rank = np.maximum(rank, 1)
+    tail = betainc(remaining_degrees / 2, tested_rank / 2, remaining_share)
     # a set of columns that spends every degree of freedom leaves no variance to test it against
-    p = np.where((rank > 0) & (degrees - rank >= 1), tail, 1.0)
-    return Scores(np.where(rank > 0, evidence, 0.0), gain, rank, np.maximum(p, 1e-300))
+    is_testable = (rank > 0) & (degrees - rank >= 1)
+    p = np.where(is_testable, tail, 1.0)
+    evidence_or_none = np.where(rank > 0, evidence, 0.0)
+    positive_p = np.maximum(p, 1e-300)
+    return Scores(evidence_or_none, gain, rank, positive_p)
 
 
 def scan_moments(projected: Projected, scan: Scan) -> Moments:
@@ -459,8 +435,10 @@ def scan_moments(projected: Projected, scan: Scan) -> Moments:
     step = max(CHUNK_SIZE // len(scan.x), 1)
     for start in range(0, len(scan.options), step):
         waves = _waves(projected.problem, scan, slice(start, start + step))
-        typical = np.broadcast_to(np.repeat(scan.typical, 2), (len(waves), 2 * len(scan.typical)))
-        chunks.append(sample_sums.function_moments(("wave", start), waves, typical))
+        pairs = np.repeat(scan.typical, 2)
+        typical = np.broadcast_to(pairs, (len(waves), 2 * len(scan.typical)))
+        moments = sample_sums.function_moments(("wave", start), waves, typical)
+        chunks.append(moments)
     return Moments.joined(chunks)
 
 

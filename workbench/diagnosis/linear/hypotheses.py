@@ -117,7 +117,8 @@ def ranked_hypotheses(
         scans = [scan for scan in scans if scan.smooth_covariates or scan.family in asked]
     named = [*_of_candidates(candidates, projected, part)]
     periods = []
-    judged = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    moments = [scan_moments(projected, scan) for scan in scans]
+    judged = projected.score_groups(moments)
     for scan, scores in zip(scans, judged):
         (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, required))
     smooth = [*_of_sites(problem, projected)] if functions else []
@@ -174,7 +175,8 @@ def _groups(candidates: Sequence[Candidate], widths: np.ndarray):
     """(candidates, name) of groups with equally many columns, of no more numbers together than `CHUNK_SIZE`."""
     for width in np.unique(widths):
         rows = np.flatnonzero(widths == width)
-        size = max(CHUNK_SIZE // candidates[rows[0]].columns.size, 1)
+        numbers_of_one = candidates[rows[0]].columns.size
+        size = max(CHUNK_SIZE // numbers_of_one, 1)
         for start in range(0, len(rows), size):
             chosen = [candidates[i] for i in rows[start : start + size]]
             yield chosen, ("candidates", width, start)
@@ -189,11 +191,16 @@ def _one_sided(chosen, moments: Moments, scores: Scores, projected: Projected) -
     only = np.array([c.positive and len(c.typical) == 1 for c in chosen])
     gain = scores.gain / projected.design_effect
     variance = np.maximum(projected.yy - gain, 1e-300) / projected.degrees
-    z = -np.sign(moments.score[:, 0]) * np.sqrt(gain / variance)
-    information = np.maximum(moments.gram[:, 0, 0], 1e-300) / projected.design_effect
+    sign = -np.sign(moments.score[:, 0])
+    z = sign * np.sqrt(gain / variance)
+    gram = np.maximum(moments.gram[:, 0, 0], 1e-300)
+    information = gram / projected.design_effect
     size = np.sqrt(gain / information)  # in typical ones
-    excess = np.log(np.maximum(size / np.array([c.largest for c in chosen]), 1.0))
-    return np.where(only, np.log(2) + log_ndtr(z) - _TAIL * excess, 0.0)
+    largest = np.array([c.largest for c in chosen])
+    relative_size = np.maximum(size / largest, 1.0)
+    excess = np.log(relative_size)
+    log_odds = np.log(2) + log_ndtr(z) - _TAIL * excess
+    return np.where(only, log_odds, 0.0)
 
 
 def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
@@ -240,15 +247,19 @@ def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:
 
 def _site_moments(site: Site, problem: Problem, projected: Projected):
     """(chosen, Moments) of the functions of a site: names of covariates that are mapped to equally many numbers."""
-    sample_sums = projected.sample_sums(site.rows, ("site", site.where, site.port))
+    key = ("site", site.where, site.port)
+    sample_sums = projected.sample_sums(site.rows, key)
     groups: dict[int, list[tuple[str, ...]]] = {}
-    for names in (*((c,) for c in site.covariates), *site.pairs):
-        groups.setdefault(len(problem.functions_of(names, site.resolution)[0]), []).append(names)
+    single = ((c,) for c in site.covariates)
+    for names in (*single, *site.pairs):
+        values = problem.functions_of(names, site.resolution)[0]
+        groups.setdefault(len(values), []).append(names)
     for chosen in groups.values():
         known = [problem.functions_of(names, site.resolution) for names in chosen]
         waves = np.stack([functions for functions, _ in known])
         typical = np.stack([np.outer(site.typical, sizes).ravel() for _, sizes in known])
-        yield chosen, sample_sums.function_moments((site.resolution, *chosen), waves, typical)
+        moments = sample_sums.function_moments((site.resolution, *chosen), waves, typical)
+        yield chosen, moments
 
 
 def _named_priors(rows: Sequence[Hypothesis], families: int) -> Iterator[Hypothesis]:
@@ -263,12 +274,14 @@ def _named_priors(rows: Sequence[Hypothesis], families: int) -> Iterator[Hypothe
 
 def _smooth_priors(smooth: Sequence[Hypothesis], periods: Sequence[Hypothesis]):
     """Functions of one covariate, of two, and periods: each kind shares the prior equally, as do its members."""
-    kinds = [[h for h in smooth if len(h.smooth_covariates) == k] for k in (1, 2)] + [periods]
+    by_covariates = [[h for h in smooth if len(h.smooth_covariates) == k] for k in (1, 2)]
+    kinds = by_covariates + [periods]
     nonempty = [members for members in kinds if members]
     for members in nonempty:
         total = sum(h.prior_weight for h in members)
         for h in members:
-            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, h.prior_weight / total / len(nonempty))
+            share = h.prior_weight / total / len(nonempty)
+            yield _with_prior(h, RARE_PRIOR, SMOOTH_LEVEL, share)
 
 
 def _with_prior(h: Hypothesis, share: float, level: float, part: float) -> Hypothesis:
@@ -285,7 +298,8 @@ def family_wise(hypotheses: Sequence[Hypothesis], min_gain: float = 0.0) -> floa
     counted = [
         h for h in hypotheses if h.gain >= min_gain and (h.evidence > 0 or not h.smooth_covariates)
     ]
-    return float(min([1.0, *(h.p / h.weight for h in counted)]))
+    p_values = (h.p / h.weight for h in counted)
+    return float(min([1.0, *p_values]))
 
 
 def located(problem: Problem, table: Sequence[Hypothesis] | None = None) -> tuple[Located, ...]:

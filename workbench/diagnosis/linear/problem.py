@@ -151,7 +151,8 @@ class Problem:
         if key not in self.function_cache:
             values = [self.covariates[name] for name in names]
             spans = [(float(v.min()), float(v.max())) for v in values]
-            self.function_cache[key] = functions(names, values, spans, resolution)
+            made = functions(names, values, spans, resolution)
+            self.function_cache[key] = made
         return self.function_cache[key]
 
     @property
@@ -222,9 +223,11 @@ class Problem:
         """
         length = np.sqrt((columns**2).sum(0))
         unit = columns / np.maximum(length, 1e-300)
-        u, s, _ = thin_svd(self.orthogonalise(unit))
+        orthogonal_unit = self.orthogonalise(unit)
+        u, s, _ = thin_svd(orthogonal_unit)
         directions = u[:, s > ROUNDING]
-        return np.linalg.qr(self.orthogonalise(directions))[0]
+        cleared = self.orthogonalise(directions)
+        return np.linalg.qr(cleared)[0]
 
     def orthogonalise(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) component orthogonal to the baseline and to the retained effects: x - Q Q' x."""
@@ -232,7 +235,8 @@ class Problem:
         if self.retained is not None and self.retained.mixing.shape[1]:
             added = self.retained.added.columns
             mixing = self.retained.mixing
-            projection += added @ (mixing @ (mixing.T @ (added.T @ columns)))
+            conditional = mixing @ (mixing.T @ (added.T @ columns))
+            projection += added @ (conditional)
         return np.subtract(columns, projection, out=projection)
 
     @property
@@ -273,7 +277,9 @@ def observable_basis(columns: np.ndarray) -> np.ndarray:
     """(N, R) orthonormal basis of columns (N, F) in sigmas for a typical size, without unobservable directions."""
     q, r = np.linalg.qr(columns)
     u, s, _ = thin_svd(r)
-    return q @ u[:, s > max(OBSERVABLE_SIGMAS, ROUNDING * s[:1].max(initial=0.0))]
+    largest = s[:1].max(initial=0.0)
+    is_observable = s > max(OBSERVABLE_SIGMAS, ROUNDING * largest)
+    return q @ u[:, is_observable]
 
 
 class Bench:
@@ -337,7 +343,8 @@ class Bench:
     def smooth(self, site: Site, names: tuple[str, ...]) -> SmoothFunction:
         """A smooth function of the covariates `names` at a site, as an effect that can join the model."""
         columns = [self.covariates[name] for name in names]
-        spans = tuple((float(x.min()), float(x.max())) for x in columns)
+        ranges = ((float(x.min()), float(x.max())) for x in columns)
+        spans = tuple(ranges)
         sizes = tuple(site.typical.tolist())
         return SmoothFunction(site.where, site.port, names, spans, site.unit, sizes)
 

@@ -87,13 +87,15 @@ def spread_with(
     for name, x in covariates.items():
         x = x[inliers]
         if np.ptp(x) > 0 and np.isfinite(x).all():
-            scores[name] = len(x) * np.corrcoef(squares, x)[0, 1] ** 2
+            correlation = np.corrcoef(squares, x)[0, 1]
+            scores[name] = len(x) * correlation**2
     if not scores:
         return None
     highest = max(scores.values())
     # of covariates that say the same, the first, as it was recorded
     name = next(name for name, score in scores.items() if score > highest * (1 - 1e-6))
-    return name, float(min(1.0, chi2.sf(scores[name], 1) * len(scores)))
+    p = chi2.sf(scores[name], 1)
+    return name, float(min(1.0, p * len(scores)))
 
 
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
@@ -163,7 +165,8 @@ def tails(white: np.ndarray) -> tuple[float, float, float]:
     weights = np.exp(logs[is_student] - student)
     degrees = degrees[is_student]
     mean = float(weights @ degrees)
-    std = float(np.sqrt(weights @ (degrees - mean) ** 2))
+    deviations = (degrees - mean) ** 2
+    std = float(np.sqrt(weights @ deviations))
     return float(student - gauss), mean, std
 
 
@@ -186,21 +189,23 @@ def _log_outlier_density(x: np.ndarray) -> np.ndarray:
     length = np.sqrt((x**2).sum(0))
     anywhere = _log_uniform_density(length, m) - _sphere(m)
     others = _gauss(x) + 0.5 * (x**2 + np.log(2 * np.pi))
-    one_coordinate = (
-        logsumexp(_log_uniform_density(np.abs(x), 1) + others, axis=0) - _sphere(1) - np.log(m)
-    )
+    in_coordinate = _log_uniform_density(np.abs(x), 1)
+    total = logsumexp(in_coordinate + others, axis=0)
+    one_coordinate = total - _sphere(1) - np.log(m)
     return np.logaddexp(anywhere, one_coordinate) - np.log(2)
 
 
 def _sphere(m: int) -> float:
     """Log area of the unit sphere in m dimensions."""
-    return float(np.log(2) + 0.5 * m * np.log(np.pi) - gammaln(0.5 * m))
+    power = 0.5 * m * np.log(np.pi)
+    return float(np.log(2) + power - gammaln(0.5 * m))
 
 
 def _log_uniform_density(length, m):
     """Log density in m dimensions, but for the sphere's area: every logarithm of the length is as likely."""
     spread = np.log(np.log(_FARTHEST / _NEAREST))
-    density = -m * np.log(np.clip(length, _NEAREST, _FARTHEST)) - spread
+    limited = np.clip(length, _NEAREST, _FARTHEST)
+    density = -m * np.log(limited) - spread
     return np.where(length < _NEAREST, -np.inf, density)
 
 
@@ -214,7 +219,8 @@ def _noises(m: int):
     for scale in _SCALES:
         yield share, _scaled(_gauss, scale), np.inf
         for nu in _DEGREES:
-            median = chi2.ppf(0.5, m) / (m * fisher.ppf(0.5, m, nu))
+            student_median = m * fisher.ppf(0.5, m, nu)
+            median = chi2.ppf(0.5, m) / (student_median)
             same = scale * np.sqrt(median)  # which stays
             for kind in (_joint, _log_student_density):
                 yield share - half, _scaled(kind, same, nu), nu
@@ -226,29 +232,40 @@ def _scaled(density, spread, *parameters):
 
 
 def _gauss(x):
-    return -0.5 * (x**2).sum(0) - 0.5 * len(x) * np.log(2 * np.pi)
+    squares = (x**2).sum(0)
+    volume = 0.5 * len(x) * np.log(2 * np.pi)
+    return -0.5 * squares - volume
 
 
 def _joint(x, nu):
     """Student's density of vectors x (m, n): a spread for each sample."""
     m = len(x)
-    return _norm(nu, m) - 0.5 * (nu + m) * np.log1p((x**2).sum(0) / nu)
+    squares = (x**2).sum(0)
+    exponent = 0.5 * (nu + m)
+    return _norm(nu, m) - exponent * np.log1p(squares / nu)
 
 
 def _log_student_density(x, nu):
     """Student's density of every coordinate of x (m, n) by itself."""
-    return len(x) * _norm(nu, 1) - 0.5 * (nu + 1) * np.log1p(x**2 / nu).sum(0)
+    exponent = 0.5 * (nu + 1)
+    logs = np.log1p(x**2 / nu).sum(0)
+    return len(x) * _norm(nu, 1) - exponent * logs
 
 
 def _norm(nu, m):
-    return gammaln((nu + m) / 2) - gammaln(nu / 2) - 0.5 * m * np.log(nu * np.pi)
+    spread = 0.5 * m * np.log(nu * np.pi)
+    return gammaln((nu + m) / 2) - gammaln(nu / 2) - spread
 
 
 def _thinned(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the samples that are looked at, and how many each stands for: of many inner ones, every so many."""
-    inner = np.flatnonzero((x**2).sum(0) < FULL_WEIGHT**2)
+    squares = (x**2).sum(0)
+    inner = np.flatnonzero(squares < FULL_WEIGHT**2)
     step = max(1, len(inner) // _MIN_GROUPED_SAMPLES)
     chosen = inner[::step]
-    outer = np.setdiff1d(np.arange(x.shape[1]), inner)
-    counts = np.full(len(chosen), len(inner) / max(len(chosen), 1))
-    return np.concatenate([chosen, outer]), np.concatenate([counts, np.ones(len(outer))])
+    samples = np.arange(x.shape[1])
+    outer = np.setdiff1d(samples, inner)
+    count = len(inner) / max(len(chosen), 1)
+    counts = np.full(len(chosen), count)
+    all_counts = np.concatenate([counts, np.ones(len(outer))])
+    return np.concatenate([chosen, outer]), all_counts

@@ -41,7 +41,8 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
 
     problem: with all effects that were found. p_value: of the rounding errors of all joints together.
     """
-    remaining = float((problem.orthogonalise(problem.residual) ** 2).sum())
+    residual = problem.orthogonalise(problem.residual)
+    remaining = float((residual**2).sum())
     found, lattices = [], _lattices(problem)
     totals = [float((site.rows**2).sum()) * step**2 / 12 for site, step, _ in lattices]
     matter = {
@@ -50,7 +51,8 @@ def rounded_readings(problem: Problem, p_value: float) -> tuple[Finding, ...]:
     for (site, _, words), squares in zip(lattices, totals):
         if words not in matter:
             continue
-        size = float(np.sqrt(squares / len(problem.residual)))
+        variance = squares / len(problem.residual)
+        size = float(np.sqrt(variance))
         description = (ReadingLattice.effect, site.where, words, ())
         found.append(Finding(*description, p_value, 1 - p_value, size, squares))
     return tuple(found)

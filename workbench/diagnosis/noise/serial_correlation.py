@@ -74,8 +74,10 @@ def prefers_term(base: Problem, with_term: Problem) -> bool:
     of the first and in the basis of the second.
     """
     gain = log_evidence(base, with_term) - log_evidence(base, base)
-    poses = min(len(np.unique(base.pose)), _MOST_POSES)
-    return gain > 0.5 * np.log(poses * (len(base.residual) // base.n))
+    pose_count = len(np.unique(base.pose))
+    poses = min(pose_count, _MOST_POSES)
+    coordinates = len(base.residual) // base.n
+    return gain > 0.5 * np.log(poses * (coordinates))
 
 
 def log_evidence(base: Problem, model: Problem) -> float:
@@ -91,7 +93,8 @@ def log_evidence(base: Problem, model: Problem) -> float:
     y = _by_pose(base, residual[:, None])[:_MOST_POSES]
     basis = _by_pose(model, model.full_basis)[:_MOST_POSES]
     fit = _Restricted.of(y, basis, degree=None)
-    return max(fit.profile_log(value) for value in _GRID) + 0.5 * fit.degrees * np.log(y.size)
+    highest = max(fit.profile_log(value) for value in _GRID)
+    return highest + 0.5 * fit.degrees * np.log(y.size)
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,17 @@ class _Restricted:
         poses, coordinates = y.shape[:2]
         slow = np.ones((poses, 0))
         if degree is not None:
-            slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, poses), degree)
-        trends = np.einsum("pd,ce->pcde", slow, np.eye(coordinates)).reshape(y.size, -1)
-        vectors, sizes, _ = np.linalg.svd(basis.reshape(y.size, -1), full_matrices=False)
-        known = vectors[:, sizes > NEGLIGIBLE_SHARE * sizes.max(initial=0.0)]
+            time = np.linspace(-1, 1, poses)
+            slow = np.polynomial.legendre.legvander(time, degree)
+        by_coordinate = np.einsum("pd,ce->pcde", slow, np.eye(coordinates))
+        trends = by_coordinate.reshape(y.size, -1)
+        flat = basis.reshape(y.size, -1)
+        vectors, sizes, _ = np.linalg.svd(flat, full_matrices=False)
+        least_size = NEGLIGIBLE_SHARE * sizes.max(initial=0.0)
+        known = vectors[:, sizes > least_size]
         trends = trends / np.linalg.norm(trends, axis=0)
-        vectors, sizes, _ = np.linalg.svd(trends - known @ (known.T @ trends), full_matrices=False)
+        remaining = trends - known @ (known.T @ trends)
+        vectors, sizes, _ = np.linalg.svd(remaining, full_matrices=False)
         known = np.hstack([known, vectors[:, sizes > NEGLIGIBLE_SHARE]])
         return cls(y[..., 0], known.reshape(poses, coordinates, -1))
 
@@ -124,19 +132,25 @@ class _Restricted:
         """Restricted log likelihood, the variance at its best; first-order autoregression, stationary at the start."""
         squares, triangle = self._left(value)
         spread = self.degrees * np.log(squares)
-        mixing = 2 * np.log(np.abs(np.diag(triangle))).sum()
-        return -0.5 * (spread + mixing - self.y.shape[1] * np.log(1 - value**2))
+        diagonal = np.abs(np.diag(triangle))
+        mixing = 2 * np.log(diagonal).sum()
+        scale = self.y.shape[1] * np.log(1 - value**2)
+        return -0.5 * (spread + mixing - scale)
 
     def profile_log(self, value: float) -> float:
         """Log likelihood, columns and variance at their best: unlike the restricted one, comparable between columns."""
         squares, _ = self._left(value)
-        return -0.5 * (self.y.size * np.log(squares) - self.y.shape[1] * np.log(1 - value**2))
+        spread = self.y.size * np.log(squares)
+        scale = self.y.shape[1] * np.log(1 - value**2)
+        return -0.5 * (spread - scale)
 
     def _left(self, value: float) -> tuple[float, np.ndarray]:
         """Sum of squares of the innovations that the columns leave, and the triangle R of the columns' innovations."""
         y, columns = (self._innovations(rows, value) for rows in (self.y, self.columns))
-        orthonormal, triangle = np.linalg.qr(columns.reshape(y.size, -1))
-        residual = y.ravel() - orthonormal @ (orthonormal.T @ y.ravel())
+        flat = columns.reshape(y.size, -1)
+        orthonormal, triangle = np.linalg.qr(flat)
+        coefficients = orthonormal.T @ y.ravel()
+        residual = y.ravel() - orthonormal @ (coefficients)
         return float(residual @ residual), triangle
 
     @staticmethod
@@ -156,4 +170,5 @@ def _by_pose(problem: Problem, columns: np.ndarray) -> np.ndarray:
     sums = np.zeros((len(poses), coordinates, rows.shape[2]))
     np.add.at(sums, label, rows.transpose(1, 0, 2))
     means = sums / np.sqrt(count)[:, None, None]
-    return means[np.argsort(problem.order[first], kind="stable")]
+    in_time = np.argsort(problem.order[first], kind="stable")
+    return means[in_time]
