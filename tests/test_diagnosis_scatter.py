@@ -11,15 +11,14 @@ from test_diagnosis_engine import recorded
 from workbench.diagnosis.linear.evidence import design_effect
 from workbench.diagnosis.linear.problem import Finding, Located
 from workbench.diagnosis.noise.data_findings import unweighted_squares
+from workbench.diagnosis.noise.random_effect_findings import LABEL, unrecorded
 from workbench.diagnosis.noise.random_effects import (
     _TRIED,
-    LABEL,
     _constant_shape_likelihood,
     _direction_likelihood,
     _occasional_gains,
     _shape_of_noise,
     find_random_effect,
-    unrecorded,
 )
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import _data_findings_with_functions

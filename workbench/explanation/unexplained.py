@@ -7,7 +7,7 @@ from workbench.diagnosis.levels import (
     UNMODELLED_LEVEL,
 )
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
-from workbench.diagnosis.noise.random_effects import unrecorded
+from workbench.diagnosis.noise.random_effect_findings import unrecorded
 from workbench.explanation.result import Term, has_unexplained_structure
 from workbench.explanation.sentences import statements
 

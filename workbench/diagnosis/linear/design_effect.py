@@ -41,9 +41,9 @@ def _spent_on_means(problem: Problem, means: csr_array) -> float:
 
     Of retained effects by the inner products of their columns' means, which are computed once a solution.
     """
-    spent = float(((means @ problem.basis) ** 2).sum())
+    used_degrees = float(((means @ problem.basis) ** 2).sum())
     if problem.retained is None:
-        return spent
+        return used_degrees
     added, mixing = problem.retained.added, problem.retained.mixing
 
     def of_all_effects():
@@ -51,7 +51,7 @@ def _spent_on_means(problem: Problem, means: csr_array) -> float:
         return of_columns.T @ of_columns
 
     gram = cached(problem.cache, (POSE_MEANS,), of_all_effects)
-    return spent + float(((gram @ mixing) * mixing).sum())
+    return used_degrees + float(((gram @ mixing) * mixing).sum())
 
 
 def remaining_residual(problem: Problem) -> np.ndarray:

@@ -223,7 +223,7 @@ def _product(blocks: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """(C, P, R) blocks (C, P, A) times a matrix (A, R), as one product: many small ones take far longer."""
     rows = blocks.reshape(-1, len(matrix))
     product = rows @ matrix
-    return (product).reshape(*blocks.shape[:2], matrix.shape[1])
+    return product.reshape(*blocks.shape[:2], matrix.shape[1])
 
 
 def _without_projections(gram: np.ndarray, projections: np.ndarray) -> np.ndarray:
@@ -313,7 +313,7 @@ class SampleSums:
             for i in range(k):
                 for j in range(i + 1):
                     weighted = waves * self.squares[i, :, j]
-                    part = (weighted) @ waves.swapaxes(1, 2)  # symmetric
+                    part = weighted @ waves.swapaxes(1, 2)  # symmetric
                     out[:, i, :, j] = out[:, j, :, i] = part
             return out.reshape(groups, k * count, k * count)
 
@@ -381,7 +381,7 @@ def log_evidence_by_size(volume: np.ndarray, gain: np.ndarray, projected) -> np.
 def log_null(projected) -> float:
     """Log evidence of no term at all, up to a constant of the samples: of problems about several solutions."""
     degrees = projected.degrees + _ANCHOR
-    return float(-0.5 * (degrees) * np.log(projected.yy + _ANCHOR))
+    return float(-0.5 * degrees * np.log(projected.yy + _ANCHOR))
 
 
 def marginalise_sizes(logs: np.ndarray) -> np.ndarray:
@@ -408,7 +408,7 @@ def score_hypotheses(moments: Moments, yy: float, degrees: float) -> Scores:
     rank = seen.sum(1)
     spread = SIZES[:, None, None] ** 2
     explained = projected**2 * spread / (1 + spread * values)
-    share = (explained).sum(-1) / (yy + _ANCHOR)
+    share = explained.sum(-1) / (yy + _ANCHOR)
     volume = np.log1p(spread * values).sum(-1)
     limited_share = np.minimum(share, 1 - 1e-12)
     log_remainder = np.log1p(-limited_share)

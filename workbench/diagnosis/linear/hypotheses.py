@@ -118,8 +118,8 @@ def ranked_hypotheses(
     named = [*_of_candidates(candidates, projected, part)]
     periods = []
     moments = [scan_moments(projected, scan) for scan in scans]
-    judged = projected.score_groups(moments)
-    for scan, scores in zip(scans, judged):
+    scan_scores = projected.score_groups(moments)
+    for scan, scores in zip(scans, scan_scores):
         (periods if scan.smooth_covariates else named).extend(_of_scan(scan, scores, required))
     smooth = [*_of_sites(problem, projected)] if functions else []
     found = [*_named_priors(named, len(families)), *_smooth_priors(smooth, periods)]

@@ -150,8 +150,7 @@ class Problem:
         key = names, resolution
         if key not in self.function_cache:
             values = [self.covariates[name] for name in names]
-            spans = [(float(v.min()), float(v.max())) for v in values]
-            made = functions(names, values, spans, resolution)
+            made = functions(names, values, _ranges(values), resolution)
             self.function_cache[key] = made
         return self.function_cache[key]
 
@@ -236,7 +235,7 @@ class Problem:
             added = self.retained.added.columns
             mixing = self.retained.mixing
             conditional = mixing @ (mixing.T @ (added.T @ columns))
-            projection += added @ (conditional)
+            projection += added @ conditional
         return np.subtract(columns, projection, out=projection)
 
     @property
@@ -343,10 +342,14 @@ class Bench:
     def smooth(self, site: Site, names: tuple[str, ...]) -> SmoothFunction:
         """A smooth function of the covariates `names` at a site, as an effect that can join the model."""
         columns = [self.covariates[name] for name in names]
-        ranges = ((float(x.min()), float(x.max())) for x in columns)
-        spans = tuple(ranges)
+        spans = tuple(_ranges(columns))
         sizes = tuple(site.typical.tolist())
         return SmoothFunction(site.where, site.port, names, spans, site.unit, sizes)
+
+
+def _ranges(columns: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+    """Least and greatest value of each covariate (n,)."""
+    return [(float(x.min()), float(x.max())) for x in columns]
 
 
 @dataclass(frozen=True)
@@ -365,6 +368,11 @@ class Alternative:
     squared_correlation: float
     why: str
     missing_covariate: str = ""
+
+
+def likeness_text(likeness: float) -> str:
+    """Why an effect is an alternative: its share (0-1) of the signature of a finding."""
+    return f"it makes {100 * likeness:.0f} % of the same signature in these poses"
 
 
 @dataclass(frozen=True)

@@ -220,7 +220,7 @@ def _noises(m: int):
         yield share, _scaled(_gauss, scale), np.inf
         for nu in _DEGREES:
             student_median = m * fisher.ppf(0.5, m, nu)
-            median = chi2.ppf(0.5, m) / (student_median)
+            median = chi2.ppf(0.5, m) / student_median
             same = scale * np.sqrt(median)  # which stays
             for kind in (_joint, _log_student_density):
                 yield share - half, _scaled(kind, same, nu), nu

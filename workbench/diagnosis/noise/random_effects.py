@@ -9,20 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robot_model.effects.drift import JointThermalDrift, LinkThermalGrowth
-from robot_model.effects.elastic import JointCompliance
-from robot_model.effects.transmission import Backlash, TimeOffset
 from workbench.core.distributions import norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
-from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, RANDOM_EFFECT_LEVEL, ROUNDING
+from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, ROUNDING
 from workbench.diagnosis.linear.candidates import Site
-from workbench.diagnosis.linear.problem import Alternative, Finding, Located, Problem
+from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import FULL_WEIGHT, lengths
 from workbench.diagnosis.noise.rounded_readings import PLACE as ROUNDING_PLACE
 from workbench.diagnosis.noise.rounded_readings import rounding_site
 
-QUANTISATION = "encoder-quantisation"
-"""A finding on the data: readings of a joint with a random error, such as that of encoder counts."""
 _SPREADS, _TRIED = (0.05, 50.0), 40
 """Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
 _ROUNDS = int(np.ceil(-np.log2(ROUNDING)))
@@ -35,14 +30,6 @@ _CONTRADICTED = 6.0
 """Log likelihood ratio from which on the readings' rounding is not what is seen: twice it is chi-square, p = 0.0005."""
 _GRID = 20
 """Places of a grid in the shortest wave: that costs a hundredth of its power."""
-LABEL = "from sample to sample, with nothing that was recorded"
-LAST_MOVE_LABEL = "from sample to sample, back along the last moves"
-_COLUMNS = {
-    "approach": "approach",
-    "temperature": "temperature",
-    "payload": "payload",
-    "speed": "qdot",
-}
 
 
 @dataclass(frozen=True)
@@ -81,10 +68,12 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     if m < 2 or len(problem.residual) != m * problem.n or not problem.sites:
         return None
     root = problem.root_weights
-    residual = (problem.orthogonalise(problem.residual) / root).reshape(m, problem.n)
+    whitened = problem.orthogonalise(problem.residual) / root
+    residual = whitened.reshape(m, problem.n)
     sites = [replace(site, rows=site.rows / root) for site in places(problem)]
     length = np.sqrt((residual**2).sum(0))
-    z = residual * np.minimum(1.0, _MAX_LENGTH * np.median(length) / np.maximum(length, 1e-300))
+    longest = _MAX_LENGTH * np.median(length)
+    z = residual * np.minimum(1.0, longest / np.maximum(length, 1e-300))
     _, pose = np.unique(problem.pose, return_inverse=True)
     # repeats of a pose err together: by Hoelder's inequality they count as one
     share = 1.0 / np.bincount(pose)[pose]
@@ -93,17 +82,21 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
     gains -= _constant_shape_likelihood(z, share)
     occasional = _occasional_gains(sites, residual, _shape_of_noise(z, share), share)
     by_score = float(norm.sf(scores.max()))
-    by_direction = _TRIED * float(np.exp(-max(gains.max(), 0.0)))
+    likelihood_ratio = float(np.exp(-max(gains.max(), 0.0)))
+    by_direction = _TRIED * likelihood_ratio
     by_some = float(np.exp(-max(occasional.max(), 0.0)))
     p = 3 * len(sites) * min(by_score, by_direction, by_some)
     if p > level:
         return None
-    is_significant = (scores > MAJORITY * scores.max()) | (gains > max(MAJORITY * gains.max(), 0.0))
+    scores_high = scores > MAJORITY * scores.max()
+    gains_high = gains > max(MAJORITY * gains.max(), 0.0)
+    is_significant = scores_high | gains_high
     if by_some < min(by_score, by_direction):
         is_significant = occasional == occasional.max()
     site, (log, ratio, noise) = _most_probable_site(sites, is_significant, z)
     spread = ratio * noise
     kurtosis, error = _shape(site, residual)
+    p_rounding = _rounds(site, residual, spread, problem.covariates)
     return RandomEffect(
         site,
         float(np.clip(p, 1e-300, 1.0)),
@@ -111,7 +104,7 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
         ratio,
         kurtosis,
         error,
-        _rounds(site, residual, spread, problem.covariates),
+        p_rounding,
         log - _of_noise(z),
     )
 
@@ -157,33 +150,49 @@ def _last_moves(problem: Problem, joints) -> list[Site]:
         return []
     # a slide's metre counts as a radian
     metres = np.array([[1e-3 if site.unit == "mm" else 1.0] for site in joints])
-    moves = np.stack(columns) / np.maximum(np.abs(columns * metres).max(0), 1e-300)
-    row = sum(site.rows * move[problem.sample] for site, move in zip(joints, moves))
+    in_metres = np.abs(columns * metres).max(0)
+    moves = np.stack(columns) / np.maximum(in_metres, 1e-300)
+    by_joint = (site.rows * move[problem.sample] for site, move in zip(joints, moves))
+    row = sum(by_joint)
     return [_of_clock(joints[0], row, joints[0].typical)]
 
 
-def _directions(site: Site, m: int) -> np.ndarray:
+def directions(site: Site, m: int) -> np.ndarray:
     """(k, m, n) what each component does, in typical sizes."""
-    return (site.rows * site.typical[:, None]).reshape(len(site.rows), m, -1)
+    scaled = site.rows * site.typical[:, None]
+    return scaled.reshape(len(site.rows), m, -1)
 
 
 def _tensor(site, m):
-    d = _directions(site, m)
+    d = directions(site, m)
     tensor = np.einsum("kan,kbn->abn", d, d)
-    anisotropy = tensor - np.eye(m)[:, :, None] * np.einsum("aan->n", tensor) / m
+    traces = np.einsum("aan->n", tensor)
+    isotropic = np.eye(m)[:, :, None] * traces
+    anisotropy = tensor - isotropic / m
     # every direction alike
-    is_round = (anisotropy**2).sum() <= NEGLIGIBLE_SHARE * (tensor**2).sum()
+    anisotropic_squares = (anisotropy**2).sum()
+    is_round = anisotropic_squares <= NEGLIGIBLE_SHARE * (tensor**2).sum()
     return np.zeros_like(anisotropy) if is_round else anisotropy
 
 
 def _likelihood(site, z) -> tuple[float, float, float]:
     """Log likelihood of residuals z (m, n) in noise and what a site does by chance; its most probable spread over the
     noise, and that noise."""
+    spreads, level, logs = _log_likelihoods(site, z)
+    best = int(np.argmax(logs))
+    log = float(logs[best])
+    ratio = float(spreads[best])
+    noise = float(np.sqrt(level[best]))
+    return log, ratio, noise
+
+
+def _log_likelihoods(site, z) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spreads (S,) of a site over the noise, the variance (S,) of the noise and the log likelihood (S,) with each."""
     spreads, widths, squares = _widths(site, z)
     level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
-    logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
-    best = int(np.argmax(logs))
-    return float(logs[best]), float(spreads[best]), float(np.sqrt(level[best]))
+    logs_of_widths = np.log(widths).sum((1, 2))
+    logs = -0.5 * (logs_of_widths + z.size * np.log(level))
+    return spreads, level, logs
 
 
 def _of_rounding(site, z) -> tuple[float, float, float]:
@@ -191,12 +200,12 @@ def _of_rounding(site, z) -> tuple[float, float, float]:
 
     A spread that is known costs no parameter, half of log N by Schwarz (1978).
     """
-    spreads, widths, squares = _widths(site, z)
-    level = np.maximum((squares / widths).mean((1, 2)), 1e-300)
-    logs = -0.5 * (np.log(widths).sum((1, 2)) + z.size * np.log(level))
-    known = int(np.argmin(np.abs(np.log(spreads * np.sqrt(level)))))
+    spreads, level, logs = _log_likelihoods(site, z)
+    log_sizes = np.log(spreads * np.sqrt(level))
+    known = int(np.argmin(np.abs(log_sizes)))
     if logs[known] < logs.max() - _CONTRADICTED:
-        return -np.inf, float(spreads[known]), float(np.sqrt(level[known]))
+        ratio = float(spreads[known])
+        return -np.inf, ratio, float(np.sqrt(level[known]))
     log = float(logs[known]) + 0.5 * np.log(z.size)
     return log, float(spreads[known]), float(np.sqrt(level[known]))
 
@@ -209,10 +218,13 @@ def is_rounding(site: Site) -> bool:
 def _widths(site, z) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Spreads (S,) of a site over the noise, the variances (S, m, n) that each makes along the principal directions of
     every sample, and the squares (m, n) of residuals z (m, n) along these."""
-    d = _directions(site, len(z))
-    values, vectors = symmetric_eigen(np.einsum("kan,kbn->nab", d, d))
-    squares = np.einsum("nab,an->bn", vectors, z) ** 2
-    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(np.maximum(values.mean(), 1e-300))
+    d = directions(site, len(z))
+    tensors = np.einsum("kan,kbn->nab", d, d)
+    values, vectors = symmetric_eigen(tensors)
+    along_principal = np.einsum("nab,an->bn", vectors, z)
+    squares = along_principal**2
+    mean_value = np.maximum(values.mean(), 1e-300)
+    spreads = np.geomspace(*_SPREADS, _TRIED) / np.sqrt(mean_value)
     widths = 1 + spreads[:, None, None] ** 2 * values.T
     return spreads, widths, squares
 
@@ -229,8 +241,10 @@ def _direction_likelihood(site, z, share) -> float:
     share (n,): what each sample counts.
     """
     _, widths, squares = _widths(site, _unit(z))
-    length = np.maximum((squares / widths).sum(1), 1e-300)
-    logs = np.log(widths).sum(1) + len(z) * np.log(length)
+    by_sample = (squares / widths).sum(1)
+    length = np.maximum(by_sample, 1e-300)
+    log_widths = np.log(widths).sum(1)
+    logs = log_widths + len(z) * np.log(length)
     return float((-0.5 * logs @ share).max())
 
 
@@ -269,7 +283,7 @@ def _moved_likelihood(covariance, unit, excess) -> np.ndarray:
 
 def _relative_covariance(site, white: np.ndarray) -> np.ndarray:
     """(n, m, m) covariance over its trace of a site's movement at each sample, multiplied by `white` (m, m)."""
-    d = np.einsum("ab,kbn->kan", white, _directions(site, len(white)))
+    d = np.einsum("ab,kbn->kan", white, directions(site, len(white)))
     covariance = np.einsum("kan,kbn->nab", d, d)
     return covariance / np.maximum(np.einsum("naa->n", covariance), 1e-300)[:, None, None]
 
@@ -305,7 +319,8 @@ def _squares_of(unit, shape) -> np.ndarray:
 
 def _of_noise(z) -> float:
     """Log likelihood of residuals z (m, n) without a random effect, on the scale of `_likelihood`."""
-    return -0.5 * z.size * float(np.log(max((z**2).mean(), 1e-300)))
+    mean_square = max((z**2).mean(), 1e-300)
+    return -0.5 * z.size * float(np.log(mean_square))
 
 
 def _score(tensor, z, pose):
@@ -315,20 +330,24 @@ def _score(tensor, z, pose):
     # the same for all samples, as of a frame that the instrument moves with
     if (tensor**2).sum() <= NEGLIGIBLE_SHARE * total:
         return 0.0
-    by_pose = np.bincount(pose, np.einsum("an,abn,bn->n", unit, tensor, unit))
-    score = float(by_pose.sum() / max(np.sqrt((by_pose**2).sum()), 1e-300))
+    by_sample = np.einsum("an,abn,bn->n", unit, tensor, unit)
+    by_pose = np.bincount(pose, by_sample)
+    squares = (by_pose**2).sum()
+    score = float(by_pose.sum() / max(np.sqrt(squares), 1e-300))
     # of so many samples the sum is as good as made
     number = (by_pose**2).sum() ** 2 / max((by_pose**4).sum(), 1e-300)
-    return float(norm.isf(max(student.sf(score, number), 1e-300)))
+    p = max(student.sf(score, number), 1e-300)
+    return float(norm.isf(p))
 
 
 def _moved(site, z):
     """(n,) movement of one component at each sample in typical sizes, (n,) its variance, (n,) its observability."""
-    way = _directions(site, len(z))[0]
+    way = directions(site, len(z))[0]
     squared_length = (way**2).sum(0)
     divisor = np.maximum(squared_length, 1e-300)
     parallel = (way * z).sum(0)
-    perpendicular = (z**2).sum(0) - parallel**2 / divisor
+    squares = (z**2).sum(0)
+    perpendicular = squares - parallel**2 / divisor
     noise = max(float(perpendicular.mean() / (len(z) - 1)), 1e-300)
     return parallel / divisor, noise / divisor, squared_length
 
@@ -339,14 +358,18 @@ def _shape(site, z):
         return np.nan, np.nan
     movement_of_sample, error, squared_length = _moved(site, z)
     clear = squared_length > np.median(squared_length)
-    movement_of_sample = movement_of_sample[clear] - movement_of_sample[clear].mean()
+    mean = movement_of_sample[clear].mean()
+    movement_of_sample = movement_of_sample[clear] - mean
     error = error[clear]
     second = float((movement_of_sample**2 - error).mean())
     if second <= 0:
         return np.nan, np.nan
-    fourth = float((movement_of_sample**4 - 6 * error * second - 3 * error**2).mean())
+    noise_part = 6 * error * second
+    fourth = float((movement_of_sample**4 - noise_part - 3 * error**2).mean())
     ratio = float((movement_of_sample**2).mean()) / second
-    return fourth / second**2 - 3, float(np.sqrt(24 / clear.sum()) * ratio**2)
+    excess = fourth / second**2 - 3
+    excess_std = np.sqrt(24 / clear.sum())
+    return excess, float(excess_std * ratio**2)
 
 
 def _rounds(site, z, spread, covariates) -> float:
@@ -354,7 +377,8 @@ def _rounds(site, z, spread, covariates) -> float:
 
     A rounded reading errs by a sawtooth of one count, whose root mean square is the count over the root of twelve.
     """
-    reading = covariates.get(site.where.replace("joint-", "q"))
+    name = site.where.replace("joint-", "q")
+    reading = covariates.get(name)
     is_joint = len(site.rows) == 1 and site.where.startswith("joint")
     if not is_joint or reading is None or not np.ptp(reading):
         return 1.0
@@ -365,7 +389,8 @@ def _rounds(site, z, spread, covariates) -> float:
     weight = np.bincount(same, weight)
     power, tried = _waves(reading, weight, count)
     if tried:
-        return float(min(1.0, tried * np.exp(-power / (weight**2).sum())))
+        squares = (weight**2).sum()
+        return float(min(1.0, tried * np.exp(-power / squares)))
     return 1.0
 
 
@@ -376,27 +401,35 @@ def _waves(reading, weight, count) -> tuple[float, int]:
     """
     span = np.ptp(reading)
     shortest = max(count / _PERIODS, 4 * span / _ORDERS)
-    size = int(2 ** np.ceil(np.log2(4 * span / (shortest / _GRID))))
-    laid = np.bincount(((reading - reading.min()) / shortest * _GRID).astype(int), weight, size)
+    finest = shortest / _GRID
+    size = int(2 ** np.ceil(np.log2(4 * span / finest)))
+    cell = ((reading - reading.min()) / shortest * _GRID).astype(int)
+    laid = np.bincount(cell, weight, size)
     power = np.abs(np.fft.rfft(laid)) ** 2
     order = np.arange(len(power)) * (_GRID / (size * shortest))  # waves a radian
-    tried = (order >= 1 / (_PERIODS * count)) & (order <= 1 / shortest)
-    return float(power[tried].max(initial=0.0)), int(tried.sum())
+    is_long = order >= 1 / (_PERIODS * count)
+    tried = is_long & (order <= 1 / shortest)
+    highest = float(power[tried].max(initial=0.0))
+    return highest, int(tried.sum())
 
 
 def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
     """The problem with residuals, and all that is compared with them, also whitened by a site's random effect."""
     m = len(problem.residual) // problem.n
     identity = _place_key(random_effect.site)
-    site = next(s for s in places(problem) if _place_key(s) == identity)
-    d = _directions(site, m)
-    covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * np.einsum("kan,kbn->abn", d, d)
+    known_places = places(problem)
+    site = next(s for s in known_places if _place_key(s) == identity)
+    d = directions(site, m)
+    tensors = np.einsum("kan,kbn->abn", d, d)
+    covariance = np.eye(m)[:, :, None] + random_effect.ratio**2 * tensors
     values, vectors = symmetric_eigen(covariance.transpose(2, 0, 1))
-    scale = random_effect.ratio / random_effect.spread / np.sqrt(values)
+    relative_spread = random_effect.ratio / random_effect.spread
+    scale = relative_spread / np.sqrt(values)
     root = np.einsum("nab,nb,ncb->acn", vectors, scale, vectors)
 
     def white(rows):
-        return np.einsum("abn,kbn->kan", root, rows.reshape(-1, m, problem.n)).reshape(rows.shape)
+        blocks = rows.reshape(-1, m, problem.n)
+        return np.einsum("abn,kbn->kan", root, blocks).reshape(rows.shape)
 
     return problem.transformed(white)
 
@@ -404,85 +437,3 @@ def whitened_by(problem: Problem, random_effect: RandomEffect) -> Problem:
 def _place_key(site: Site) -> tuple:
     """Key of a place: all joints, and all along their last moves, share that of the clock."""
     return site.where, site.port, len(site.rows)
-
-
-def movement(random_effect: RandomEffect) -> float:
-    """Sum of squares of all that it moves, in sigmas."""
-    return float((random_effect.spread**2 * _directions(random_effect.site, 1) ** 2).sum())
-
-
-def random_effect_finding(random_effect: RandomEffect, problem: Problem) -> Finding:
-    """In words of the vocabulary: rounding where it follows the reading's counts, else an unknown and what may lack."""
-    size = float(np.sqrt(movement(random_effect) / len(problem.residual)))
-    p, site = random_effect.p_value, random_effect.site
-    given = (p, 1.0 - p, size, movement(random_effect))
-    if random_effect.rounds < RANDOM_EFFECT_LEVEL:
-        return Finding(QUANTISATION, site.where, "", (), *given)
-    if site.where == "time" and len(site.rows) == 1:
-        label = LAST_MOVE_LABEL
-    else:
-        label = LABEL
-    others = unrecorded_causes(random_effect, problem)
-    return Finding("unknown", site.where, label, (), *given, alternatives=others)
-
-
-def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Alternative, ...]:
-    """Possible causes through a covariate that was not recorded, the most probable first."""
-    site, covariates = random_effect.site, problem.covariates
-    kurtosis, error = random_effect.kurtosis, random_effect.error
-    has_two_values = abs(kurtosis + 2) < min(2 * error, abs(kurtosis))  # -2 is a coin's
-    warm = _warm(site)
-    if site.port == "joint" and site.where != "time":
-        rows = [(Backlash.effect, site.where, "by the side of approach", "approach"), *warm]
-        rows = rows if has_two_values else rows[::-1]
-        rows.append(_loaded(site))
-    else:
-        rows = warm
-    if site.port != "geometry":
-        rows.append((TimeOffset.effect, "time", "", "speed"))
-    return _unrecorded(rows, covariates)
-
-
-def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
-    """Possible causes of the residual at a place through a covariate that was not recorded.
-
-    Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
-    changes with time.
-    """
-    found = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
-    if found is not None and found.site.where == place.where:
-        return unrecorded_causes(found, problem)
-    if "time" not in place.depends_on:
-        return ()
-    rows = [*_warm(place), *([_loaded(place)] if place.port == "joint" else [])]
-    return _unrecorded(rows, problem.covariates)
-
-
-def _warm(place) -> list[tuple]:
-    if not place.where.startswith(("joint", "link")):
-        return []
-    effect = JointThermalDrift.effect if place.port == "joint" else LinkThermalGrowth.effect
-    return [(effect, place.where, "", "temperature")]
-
-
-def _loaded(place) -> tuple:
-    return JointCompliance.effect, place.where, "", "payload"
-
-
-def _unrecorded(rows, covariates) -> tuple[Alternative, ...]:
-    """Rows (effect, where, variant, kind of covariate) whose covariate does not vary here, as alternatives."""
-    varying = [name for name, x in covariates.items() if np.ptp(x) > 0]
-    alternatives, share = [], 1.0
-    for effect, where, variant, kind in rows:
-        if any(_COLUMNS[kind] in name for name in varying):
-            continue
-        share /= 2
-        why = "it needs what was not recorded"
-        alternatives.append(Alternative(effect, where, variant, share, 1.0, why, kind))
-    return tuple(alternatives)
-
-
-def place_of(random_effect: RandomEffect) -> Located:
-    """The place as the answer lists it: nothing goes with its movement, its size is the spread."""
-    site, p = random_effect.site, random_effect.p_value
-    return Located(site.where, site.port, (), 0.0, p, random_effect.spread)

@@ -77,7 +77,7 @@ def prefers_term(base: Problem, with_term: Problem) -> bool:
     pose_count = len(np.unique(base.pose))
     poses = min(pose_count, _MOST_POSES)
     coordinates = len(base.residual) // base.n
-    return gain > 0.5 * np.log(poses * (coordinates))
+    return gain > 0.5 * np.log(poses * coordinates)
 
 
 def log_evidence(base: Problem, model: Problem) -> float:
@@ -134,14 +134,18 @@ class _Restricted:
         spread = self.degrees * np.log(squares)
         diagonal = np.abs(np.diag(triangle))
         mixing = 2 * np.log(diagonal).sum()
-        scale = self.y.shape[1] * np.log(1 - value**2)
+        scale = self._log_scale(value)
         return -0.5 * (spread + mixing - scale)
+
+    def _log_scale(self, value: float) -> float:
+        """Log determinant of the innovations: the first pose of each coordinate varies more than they do."""
+        return self.y.shape[1] * np.log(1 - value**2)
 
     def profile_log(self, value: float) -> float:
         """Log likelihood, columns and variance at their best: unlike the restricted one, comparable between columns."""
         squares, _ = self._left(value)
         spread = self.y.size * np.log(squares)
-        scale = self.y.shape[1] * np.log(1 - value**2)
+        scale = self._log_scale(value)
         return -0.5 * (spread - scale)
 
     def _left(self, value: float) -> tuple[float, np.ndarray]:
@@ -150,7 +154,7 @@ class _Restricted:
         flat = columns.reshape(y.size, -1)
         orthonormal, triangle = np.linalg.qr(flat)
         coefficients = orthonormal.T @ y.ravel()
-        residual = y.ravel() - orthonormal @ (coefficients)
+        residual = y.ravel() - orthonormal @ coefficients
         return float(residual @ residual), triangle
 
     @staticmethod

@@ -58,10 +58,12 @@ def equivalent_places(where: str, names: Sequence[str], joints: int) -> tuple[st
     A twist in the frame of one link is, in that of a neighbour, mixed by the angle of the joint between them. Where the
     function reads this angle, it is such a function there as well. No joint is between the last link and the tool.
     """
-    frames = ["base", *(f"link-{k}" for k in range(1, joints + 1)), "tool"]
+    links = (f"link-{k}" for k in range(1, joints + 1))
+    frames = ["base", *links, "tool"]
     if where not in frames:
         return ()
-    joins_next = [f"q{k}" in names for k in range(1, joints + 1)] + [True]
+    by_joint = [f"q{k}" in names for k in range(1, joints + 1)]
+    joins_next = by_joint + [True]
     first = last = frames.index(where)
     while first > 0 and joins_next[first - 1]:
         first -= 1
@@ -87,9 +89,11 @@ def _represents_law(function: Hypothesis, law: Hypothesis) -> bool:
     slow = law.effect == _WAVE and law.effects and law.effects[0].order <= _SLOW
     if angles and function.where == law.where and (slow or law.effect == JointCoupling.effect):
         return True
-    return bool(law.reads & set(function.smooth_covariates))
+    function_covariates = set(function.smooth_covariates)
+    return bool(law.reads & function_covariates)
 
 
 def _is_too_fast(law: Hypothesis) -> bool:
     """Whether a wave has more cycles in these poses than the sharpest smooth function can follow."""
-    return isinstance(law.source, Scan) and np.pi * law.source.cycles(law.value) > SHARP_DEGREE
+    is_scan = isinstance(law.source, Scan)
+    return is_scan and np.pi * law.source.cycles(law.value) > SHARP_DEGREE

@@ -30,7 +30,7 @@ from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
-from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
+from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members, columns_of_terms
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
@@ -100,7 +100,8 @@ def _solved_with(search: Search, laws: Sequence[Hypothesis], load) -> Search | N
     trial = Search(search.bench, search.samples, search.level, lambda line: None, terms)
     trial.noise_factors, trial.infeasible = search.noise_factors, search.infeasible - {name}
     trial.solve()
-    judged_loads = [h for h in trial.full_table(trial.accepted_indices) if name_of(h) == name]
+    table = trial.full_table(trial.accepted_indices)
+    judged_loads = [h for h in table if name_of(h) == name]
     if not judged_loads:
         return None
     loads = [h for h in search.accepted if h.needs_compliance and compatible(h, judged_loads[0])]
@@ -136,8 +137,10 @@ def _log_posterior(search: Search, remainder: Problem) -> float:
         return -np.inf
     solved = as_solved(search, terms)
     objective = LogPosterior.of(problem, terms, remainder, solved)
-    value = objective.value(tuple(range(len(terms)))) + log_null(objective)
-    return value - objective.degrees * float(np.log(problem.units).mean())
+    every_term = tuple(range(len(terms)))
+    value = objective.value(every_term) + log_null(objective)
+    log_unit = float(np.log(problem.units).mean())
+    return value - objective.degrees * log_unit
 
 
 @dataclass(frozen=True)
@@ -167,11 +170,13 @@ class _LoadedLaws:
         problem = search.problem.conditional_on(())
         table = [h for h in search.full_table(()) if _deflects(h)]
         others = [h for h in search.current_terms() if not _is_elastic(h)]
-        terms = (*(h for h in others if not h.needs_compliance), *table)
+        lawful = (h for h in others if not h.needs_compliance)
+        terms = (*lawful, *table)
         if not table:
             return None
         blocks = [h.columns(problem) for h in terms]
-        start = np.concatenate([[0], np.cumsum([part.shape[1] for part in blocks])]).astype(int)
+        widths = [part.shape[1] for part in blocks]
+        start = np.concatenate([[0], np.cumsum(widths)]).astype(int)
         sizes = np.array([p.typical for p in load.table(search.bench.chain)])
         changes = [_change(problem, h, load, sizes, part.shape) for h, part in zip(terms, blocks)]
         changes_of_all = np.concatenate(changes, 2)
@@ -180,10 +185,11 @@ class _LoadedLaws:
         found = {h.key for h in search.accepted}
         joints = tuple(k for k in numbers if terms[k].where.startswith("joint-"))
         present = tuple(k for k in numbers if terms[k].key in found)
+        columns = np.concatenate(blocks, 1)
         return cls(
             problem,
             terms,
-            problem.orthogonalise(np.concatenate(blocks, 1)),
+            problem.orthogonalise(columns),
             np.stack([problem.orthogonalise(change) for change in changes_of_all]),
             start,
             Projected(problem).y,
@@ -210,16 +216,21 @@ class _LoadedLaws:
     def _needs_load(self, members: Members) -> bool:
         """Whether a load is significant next to a set of laws, by the likelihood ratio."""
         none = np.zeros(len(self.changes))
-        squares = [self._left(members, load) for load in (none, self._load(members, none))]
-        free = Projected(self.problem, self.remainder).degrees - len(self._index(members))
-        ratio = max(free, 1.0) * np.log(squares[0] / max(squares[1], 1e-300))
-        return float(chi2.sf(ratio, len(none))) < UNMODELLED_LEVEL
+        estimated = self._load(members, none)
+        squares = [self._left(members, load) for load in (none, estimated)]
+        degrees = Projected(self.problem, self.remainder).degrees
+        free = degrees - len(self._index(members))
+        fall = squares[0] / max(squares[1], 1e-300)
+        ratio = max(free, 1.0) * np.log(fall)
+        p = float(chi2.sf(ratio, len(none)))
+        return p < UNMODELLED_LEVEL
 
     def _left(self, members: Members, load: np.ndarray) -> float:
         """Sum of squares that a set of laws leaves under a load."""
         columns = self._columns_under_load(load)[:, self._index(members)]
         y = self.y
-        return float(((y - columns @ least_squares(columns, y, ROUNDING)) ** 2).sum())
+        fitted = columns @ least_squares(columns, y, ROUNDING)
+        return float(((y - fitted) ** 2).sum())
 
     def _columns_under_load(self, load: np.ndarray) -> np.ndarray:
         """(N, T) columns of all terms under a load."""
@@ -227,8 +238,7 @@ class _LoadedLaws:
 
     def _index(self, members: Members) -> np.ndarray:
         """Columns of a set."""
-        spans = [np.arange(self.start[i], self.start[i + 1]) for i in members]
-        return np.concatenate([np.zeros(0, int), *spans])
+        return columns_of_terms(self.start, members)
 
     def _climb(self, members: Members) -> tuple[float, Members]:
         """The log posterior and members of the set that laws and load in turn lead to from a given one."""
@@ -274,14 +284,17 @@ class _LoadedLaws:
                 loaded = columns[:, first:end] / h.source.typical
                 h = replace(h, source=replace(h.source, columns=loaded))
             terms.append(h)
-        return LogPosterior.of(self.problem, terms, self.remainder, Accepted(self.accepted))
+        accepted = Accepted(self.accepted)
+        return LogPosterior.of(self.problem, terms, self.remainder, accepted)
 
 
 def _change(problem: Problem, h: Hypothesis, load: Effect, sizes: np.ndarray, shape) -> np.ndarray:
     """(C, N, P) change of a term's columns by each parameter of a load, in typical sizes."""
     if not _deflects(h):
         return np.zeros((len(sizes), *shape))
-    return problem.columns_of(h.effects[0], load) * h.source.typical * sizes[:, None, None]
+    columns = problem.columns_of(h.effects[0], load)
+    typical_columns = columns * h.source.typical
+    return typical_columns * sizes[:, None, None]
 
 
 def _is_elastic(h: Hypothesis) -> bool:

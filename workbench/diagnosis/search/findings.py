@@ -20,8 +20,8 @@ from workbench.diagnosis.levels import (
     RARE_PRIOR,
 )
 from workbench.diagnosis.linear.hypotheses import Hypothesis, family_wise
-from workbench.diagnosis.linear.problem import Alternative, Finding
-from workbench.diagnosis.noise.random_effects import movement, unrecorded_causes
+from workbench.diagnosis.linear.problem import Alternative, Finding, likeness_text
+from workbench.diagnosis.noise.random_effect_findings import movement, unrecorded_causes
 from workbench.diagnosis.robot.library import compliances, names
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import (
@@ -90,9 +90,9 @@ def finding(
         result = with_equivalent_places(result, chain.robot.joints)
     if not accepted.smooth_covariates:
         result = _with_unexplained_alternative(search, tested, result)
-    more = (*_own_gravity(search, i, table), *_own_torque(search, i))
-    more += _simpler_compliances(search, i, table, tested)
-    return _with_confounded_laws(result, more)
+    further = (*_own_gravity(search, i, table), *_own_torque(search, i))
+    further += _simpler_compliances(search, i, table, tested)
+    return _with_confounded_laws(result, further)
 
 
 def _with_sets_of_both(
@@ -105,7 +105,8 @@ def _with_sets_of_both(
     """
     key = search.accepted[i].key
     others = {}
-    for h in sorted(explanations, key=lambda h: -h.log_weight):
+    by_weight = sorted(explanations, key=lambda h: -h.log_weight)
+    for h in by_weight:
         if h.key != key and shares[h.key] >= LISTED_PROBABILITY:
             others.setdefault(h.key, h)
     odds = odds_of_both(search, i, list(others.values())) if others else ()
@@ -120,7 +121,8 @@ def with_equivalent_places(finding: Finding, joints: int) -> Finding:
     places = equivalent_places(finding.where, finding.depends_on, joints)
     if finding.effect != "unknown" or not places:
         return finding
-    probability = finding.probability / (1 + len(places))
+    count = 1 + len(places)
+    probability = finding.probability / count
     description = (finding.label, probability, 1.0, SAME_FUNCTION)
     others = tuple(Alternative(finding.effect, where, *description) for where in places)
     unchanged = tuple(
@@ -137,11 +139,13 @@ def _with_confounded_laws(finding: Finding, further: Sequence[Alternative] = ())
     laws = [law for effect in finding.effects for law in effect.confounded_with]
     if not laws and not further:
         return finding
-    named = [*(Alternative(*law, 0.0, 1.0, CONFOUNDED) for law in laws), *further]
+    alternatives = (Alternative(*law, 0.0, 1.0, CONFOUNDED) for law in laws)
+    named = [*alternatives, *further]
     keys = {(law.effect, law.where) for law in named}
     same = [a for a in finding.alternatives if (a.effect, a.where) in keys]
     others = tuple(a for a in finding.alternatives if a not in same)
-    share = (finding.probability + sum(a.probability for a in same)) / (1 + len(named))
+    total = finding.probability + sum(a.probability for a in same)
+    share = total / (1 + len(named))
     named = [replace(law, probability=share) for law in named]
     return replace(finding, probability=share, alternatives=(*named, *others))
 
@@ -161,10 +165,13 @@ def _own_gravity(search: Search, i: int, table: Sequence[Hypothesis]) -> tuple[A
     if not gravity_laws:
         return ()
     problem = search.problem.conditional_on(search.other_indices(i))
-    wave = problem.orthogonal_basis(accepted.columns(problem))
+    columns = accepted.columns(problem)
+    wave = problem.orthogonal_basis(columns)
     gravity = problem.orthogonalise(gravity_laws[0].columns(problem))
-    likeness = float(((wave.T @ gravity) ** 2).sum() / max((gravity**2).sum(), 1e-300))
-    why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
+    shared = ((wave.T @ gravity) ** 2).sum()
+    length = max((gravity**2).sum(), 1e-300)
+    likeness = float(shared / length)
+    why = likeness_text(likeness)
     if likeness >= CONFOUNDED_SHARE:
         return (Alternative(*key, "", 0.0, likeness, why),)
     return ()
@@ -186,9 +193,9 @@ def _simpler_compliances(
     for h in table:
         is_simpler = h.effect in ELASTIC and h.key != accepted.key and h.rank < tested.rank
         if is_simpler and h.gain > tested.gain - chance:
-            alike = min(1.0, h.gain / max(tested.gain, 1e-300))
-            why = f"it makes {100 * alike:.0f} % of the same signature in these poses"
-            found.setdefault(h.key, Alternative(*h.key, h.label, 0.0, alike, why))
+            likeness = min(1.0, h.gain / max(tested.gain, 1e-300))
+            why = likeness_text(likeness)
+            found.setdefault(h.key, Alternative(*h.key, h.label, 0.0, likeness, why))
     return tuple(found.values())
 
 
@@ -202,14 +209,17 @@ def _own_torque(search: Search, i: int) -> tuple[Alternative, ...]:
     if not isinstance(curve, JointCurve) or search.bench.chain.slides(curve.number):
         return ()
     torque = JointTorque(curve.where, curve.start, curve.end)
-    problem = search.problem.conditional_on(search.other_indices(i))
-    basis = problem.orthogonal_basis(problem.columns_of(torque))
+    other_terms = search.other_indices(i)
+    problem = search.problem.conditional_on(other_terms)
+    signature = problem.columns_of(torque)
+    basis = problem.orthogonal_basis(signature)
     columns = search.problem.added[i] @ search.problem.values[i]
     curved = problem.orthogonalise(columns)
-    alike = float(((basis.T @ curved) ** 2).sum() / max(curved @ curved, 1e-300))
+    shared = ((basis.T @ curved) ** 2).sum()
+    likeness = float(shared / max(curved @ curved, 1e-300))
     label = "of a spring or a hose"
-    own = Alternative(torque.effect, torque.where, label, 0.0, alike, CONFOUNDED)
-    return (own,) if alike >= CONFOUNDED_SHARE else ()
+    as_torque = Alternative(torque.effect, torque.where, label, 0.0, likeness, CONFOUNDED)
+    return (as_torque,) if likeness >= CONFOUNDED_SHARE else ()
 
 
 def bare_finding(h: Hypothesis) -> Finding:
@@ -271,12 +281,15 @@ def _merged(general: Finding, special_cases: Sequence[Finding]) -> Finding:
     merged = (general, *special_cases)
     others = [a for a in general.alternatives if (a.effect, a.where) not in names]
     probability = max(finding.probability for finding in merged)
-    scale = min(1.0, (1 - probability) / max(sum(a.probability for a in others), 1e-300))
-    size = float(np.sqrt(sum(finding.size**2 for finding in merged)))
+    listed = sum(a.probability for a in others)
+    scale = min(1.0, (1 - probability) / max(listed, 1e-300))
+    squares = sum(finding.size**2 for finding in merged)
+    size = float(np.sqrt(squares))
     alternatives = tuple(replace(a, probability=a.probability * scale) for a in others)
+    labels = (finding.label for finding in merged if finding.label)
     return replace(
         general,
-        label=", ".join(finding.label for finding in merged if finding.label),
+        label=", ".join(labels),
         effects=tuple(effect for finding in merged for effect in finding.effects),
         p_value=min(finding.p_value for finding in merged),
         probability=probability,
@@ -300,7 +313,7 @@ def _with_set_posterior(
     replacements = []
     for key, share, likeness in posterior.replacements:
         probability = elastic * share
-        why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
+        why = likeness_text(likeness)
         label = known[key].label if key in known else ""
         replacements.append(Alternative(*key, label, probability, likeness, why))
     ranked = sorted((*replacements, *others), key=lambda a: -a.probability)
@@ -323,7 +336,8 @@ def _alternatives(
     covered, out = 0.0, []
     special = tested.effects[0].subsumes if tested.label == LABEL else ()
     for key, share in shares.most_common():
-        other = max((h for h in table if h.key == key), key=lambda h: h.log_weight)
+        alternatives_of_key = (h for h in table if h.key == key)
+        other = max(alternatives_of_key, key=lambda h: h.log_weight)
         lost_gain = tested.gain - other.gain  # than the finding explains
         are_elastic = other.effect in ELASTIC and tested.effect in ELASTIC
         is_special = other.effect in special and other.where == tested.where
@@ -334,7 +348,7 @@ def _alternatives(
         )
         if key != tested.key and (covered < CONFIDENCE or is_near):
             likeness = min(1.0, other.gain / max(tested.gain, 1e-300))
-            why = f"it makes {100 * likeness:.0f} % of the same signature in these poses"
+            why = likeness_text(likeness)
             out.append(
                 Alternative(*key, other.label, share, likeness, why, other.missing_covariate)
             )
@@ -389,17 +403,20 @@ def with_unrecorded_covariates(search: Search, finding: Finding) -> Finding:
         return finding
     known = {(a.effect, a.where, a.label) for a in finding.alternatives}
     unrecorded = []
-    for a in unrecorded_causes(search.random_effect, search.problem):
+    causes = unrecorded_causes(search.random_effect, search.problem)
+    for a in causes:
         is_asked = finding.effect in ("unknown", a.effect)
         if is_asked and (a.effect, a.where, a.label) not in known:
             unrecorded.append(a)
-    return replace(finding, alternatives=(*finding.alternatives, *unrecorded))
+    alternatives = (*finding.alternatives, *unrecorded)
+    return replace(finding, alternatives=alternatives)
 
 
 def _has_one_axis(search: Search, law: Hypothesis) -> bool:
     """Whether a law turns one joint."""
     chain = search.bench.chain
-    is_of_joints = {effect.port for effect in law.effects} == {"joint"}
+    ports = {effect.port for effect in law.effects}
+    is_of_joints = ports == {"joint"}
     return is_of_joints and all(len(effect.port_indices(chain)) == 1 for effect in law.effects)
 
 
@@ -411,7 +428,8 @@ def _unexplained_at_place(search: Search, law: Hypothesis) -> tuple[float, bool,
     """
     places, noise = same_place(law), search.variance()
     unexplained = [(0.0, "", 0.0)]
-    functions = [h for h in search.table(search.accepted_indices) if h.smooth_covariates]
+    table = search.table(search.accepted_indices)
+    functions = [h for h in table if h.smooth_covariates]
     total = logsumexp([h.log_weight for h in functions]) if functions else 0.0
     local_functions = [h for h in functions if h.where in places]
     if law.effects and all(e.of_session and e.reads == ("time",) for e in law.effects):

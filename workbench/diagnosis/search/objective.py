@@ -38,6 +38,12 @@ _KEPT = 16
 """Solved sets of large terms that an objective keeps: each is some megabytes."""
 
 
+def columns_of_terms(start: np.ndarray, members: Members) -> np.ndarray:
+    """Numbers of the columns of some terms; start (T + 1,): first column of each term."""
+    ranges = [np.arange(start[i], start[i + 1]) for i in members]
+    return np.concatenate([np.zeros(0, int), *ranges])
+
+
 @dataclass(frozen=True)
 class Accepted:
     """Number of accepted terms, and number -> columns (N, P) of the loads among them, as solved."""
@@ -265,18 +271,21 @@ class LogPosterior:
     @cached_property
     def table(self) -> Table:
         """The inner products, and zeros for a further column."""
-        return Table(np.pad(self.gram, (0, 1)), np.pad(self.score, (0, 1)), 1 / SIZES**2)
+        gram = np.pad(self.gram, (0, 1))
+        score = np.pad(self.score, (0, 1))
+        return Table(gram, score, 1 / SIZES**2)
 
     def index(self, members: Members) -> np.ndarray:
         """Columns of a set."""
-        ranges = [np.arange(self.start[i], self.start[i + 1]) for i in members]
-        return np.concatenate([np.zeros(0, int), *ranges])
+        return columns_of_terms(self.start, members)
 
     def gain(self, members: Members) -> float:
         """Fall of the sum of squares by a set, its coefficients hardly held back."""
         index = self.index(members)
-        gram = self.gram[np.ix_(index, index)] + np.eye(len(index)) / SIZES[-1] ** 2
-        return float(self.score[index] @ solve_positive(gram, self.score[index]))
+        of_members = self.gram[np.ix_(index, index)]
+        gram = of_members + np.eye(len(index)) / SIZES[-1] ** 2
+        score = self.score[index]
+        return float(score @ solve_positive(gram, score))
 
     def value(self, members: Members) -> float:
         """Log posterior of a set."""
@@ -294,7 +303,8 @@ class LogPosterior:
         if members and not self._carries_loads(members[:-1])[members[-1]]:
             return -np.inf
         solved = self._solved(members)
-        logs = float(log_evidence(solved.log_determinant, np.minimum(solved.gain, gain), self))
+        gain_of_set = np.minimum(solved.gain, gain)
+        logs = float(log_evidence(solved.log_determinant, gain_of_set, self))
         return logs + self.priors.of(members) + self._signs(members, solved)
 
     def _signs(self, members: Members, solved: ConditionalSolution) -> float:
@@ -302,12 +312,20 @@ class LogPosterior:
         cannot = self._cannot_be_negative(members)
         if not len(cannot):
             return 0.0
-        best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
+        best = self._most_probable_size(solved)
         value, spread = solved.coefficients(best, cannot)
-        variance = max(self.yy - solved.gain[best], 1e-300) / max(self.degrees, 1.0)
+        remaining = max(self.yy - solved.gain[best], 1e-300)
+        variance = remaining / max(self.degrees, 1.0)
         # the residual is predicted minus measured: what is missing has the opposite sign
-        z = -value / np.maximum(spread * np.sqrt(variance), 1e-300)
-        return float((np.log(2) + log_ndtr(z)).sum())
+        std = spread * np.sqrt(variance)
+        z = -value / np.maximum(std, 1e-300)
+        log_chances = np.log(2) + log_ndtr(z)
+        return float(log_chances.sum())
+
+    def _most_probable_size(self, solved: ConditionalSolution) -> int:
+        """Number of the size whose evidence is highest."""
+        logs = log_evidence_by_size(solved.log_determinant, solved.gain, self)
+        return int(np.argmax(logs))
 
     def _cannot_be_negative(self, members: Members) -> np.ndarray:
         """Columns of a set whose coefficients cannot be negative, in ascending order."""
@@ -321,18 +339,22 @@ class LogPosterior:
     def coefficient(self, members: Members, number: int) -> float:
         """Likeliest value of the first coefficient of a member of a set that cannot be negative, in its prior size."""
         solved = self._solved(members)
-        best = int(np.argmax(log_evidence_by_size(solved.log_determinant, solved.gain, self)))
-        return float(solved.coefficients(best, self.start[number : number + 1])[0][0])
+        best = self._most_probable_size(solved)
+        columns = self.start[number : number + 1]
+        values = solved.coefficients(best, columns)[0]
+        return float(values[0])
 
     def most_probable_extension(self, base: Members, allowed: np.ndarray) -> tuple[float, Members]:
         """The most probable set with one more of the terms allowed (K,) bool; the set itself where none has room."""
         free = allowed & (self.compatible_pairs[list(base)].all(0) if base else True)
         free &= self._carries_loads(base)
         weights = self._with_each(base, free)
-        signs = int(self.priors.positive[list(base)].sum())
+        positive = self.priors.positive[list(base)]
+        signs = int(positive.sum())
         sign_bonus = np.log(2) * (signs + self.priors.positive)  # that signs add
         top = (-np.inf, base)
-        for k in np.argsort(-(weights + sign_bonus)):
+        in_order = np.argsort(-(weights + sign_bonus))
+        for k in in_order:
             if not weights[k] + sign_bonus[k] > top[0]:
                 break
             members = (*base, int(k))
@@ -364,7 +386,8 @@ class LogPosterior:
                 chosen = free[rows]
                 if chosen.any():
                     weights[rows[chosen]] = self._evidence_with(solved, columns[chosen])
-            self.joined[key] = weights + self.priors.of(base) + self.priors.conditional(base)
+            conditional_prior = self.priors.conditional(base)
+            self.joined[key] = weights + self.priors.of(base) + conditional_prior
         return self.joined[key]
 
     def _solved(self, members: Members) -> ConditionalSolution:
@@ -393,12 +416,15 @@ class LogPosterior:
         bordered = np.zeros((*blocks.shape[:2], width + 1, width + 1))
         bordered[..., :-1, :-1] = blocks
         bordered[..., range(width), range(width)] += shrink[:, None, None]
-        bordered[..., -1, :-1] = solved.scores[:, columns]
+        scores = solved.scores[:, columns]
+        bordered[..., -1, :-1] = scores
         bordered[..., -1, -1] = np.finfo(float).max  # of the factor's corner, which nobody reads
         try:
             factor = np.linalg.cholesky(bordered)
-            added_gain = (factor[..., -1, :-1] ** 2).sum(-1)
-            log_determinant = 2 * np.log(np.diagonal(factor, axis1=-2, axis2=-1)[..., :-1]).sum(-1)
+            coupling = factor[..., -1, :-1]
+            added_gain = (coupling**2).sum(-1)
+            diagonal = np.diagonal(factor, axis1=-2, axis2=-1)
+            log_determinant = 2 * np.log(diagonal[..., :-1]).sum(-1)
         except np.linalg.LinAlgError:  # hardly any noise: rounding exceeds what is left
             values, vectors = symmetric_eigen(blocks)
             values = np.maximum(values, 0.0) + shrink[:, None, None]
@@ -406,9 +432,9 @@ class LogPosterior:
             added_gain = (projected**2 / values).sum(-1)
             log_determinant = np.log(values).sum(-1)
         volume = log_determinant - width * np.log(shrink)[:, None]
-        return log_evidence(
-            solved.log_determinant[:, None] + volume, solved.gain[:, None] + added_gain, self
-        )
+        all_volumes = solved.log_determinant[:, None] + volume
+        all_gains = solved.gain[:, None] + added_gain
+        return log_evidence(all_volumes, all_gains, self)
 
 
 def _other_laws(

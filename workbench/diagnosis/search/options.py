@@ -75,7 +75,8 @@ class RealFamily:
         if isinstance(self.hypothesis.source, Candidate):
             outer_bounds = grid[0] ** 2 / grid[1], grid[-1] ** 2 / grid[-2]
         else:
-            first, last = np.diff(grid)[[0, -1]]
+            gaps = np.diff(grid)
+            first, last = gaps[[0, -1]]
             outer_bounds = max(value - first, value / 2), value + last
         lower = grid[grid < value]
         upper = grid[grid > value]
@@ -107,7 +108,8 @@ class RealFamily:
         if not isinstance(self.hypothesis.source, Candidate):
             return self.hypothesis.source.make(value)
         effect = self.hypothesis.effects[0]
-        return (type(effect)(effect.where, **effect.options | {self.name: value}),)
+        options = effect.options | {self.name: value}
+        return (type(effect)(effect.where, **options),)
 
 
 def with_exact_options(problem: Problem, hypotheses: Sequence[Hypothesis]) -> Problem:
@@ -198,7 +200,8 @@ def _other_laws(projected: Projected, h: Hypothesis) -> list[Hypothesis]:
             laws.setdefault(candidate.word, []).append(candidate)
 
     def gain(candidate: Candidate) -> float:
-        columns = projected.problem.orthogonalise(candidate.columns_at(projected.problem))
+        signature = candidate.columns_at(projected.problem)
+        columns = projected.problem.orthogonalise(signature)
         coefficients = least_squares(columns, projected.y, ROUNDING)
         return float(projected.y @ columns @ coefficients)
 
@@ -274,18 +277,20 @@ class _Profile:
         """
         nodes = chebpts1(_NODES)
         blocks = [self.family.columns(lower + (upper - lower) * (t + 1) / 2) for t in nodes]
-        columns = self.projected.problem.orthogonalise(np.concatenate(blocks, 1))
+        block_columns = np.concatenate(blocks, 1)
+        columns = self.projected.problem.orthogonalise(block_columns)
         gram, score = columns.T @ columns, columns.T @ self.projected.y
         of_nodes = np.linalg.inv(chebvander(nodes, _NODES - 1))
-        unit = np.eye(blocks[0].shape[1])
+        width = blocks[0].shape[1]
+        unit = np.eye(width)
 
         def minus_gain(value: float) -> float:
             position = 2 * (value - lower) / (upper - lower) - 1
-            mixing = np.kron((chebvander(position, _NODES - 1) @ of_nodes).T, unit)
+            polynomials = chebvander(position, _NODES - 1)
+            mixing = np.kron((polynomials @ of_nodes).T, unit)
             projected = mixing.T @ score
-            return -float(
-                projected @ pseudo_inverse(mixing.T @ gram @ mixing, ROUNDING) @ projected
-            )
+            inverse_gram = pseudo_inverse(mixing.T @ gram @ mixing, ROUNDING)
+            return -float(projected @ inverse_gram @ projected)
 
         options = {"xatol": resolution}
         best = minimize_scalar(minus_gain, bounds=(lower, upper), method="bounded", options=options)
@@ -294,12 +299,16 @@ class _Profile:
     def std(self, value: float) -> float:
         """Standard deviation of the option at a value: as of a further parameter of the linearised model."""
         columns, coefficients = self._solved(value)
-        step = _STEP * float(np.diff(self.family.grid).min())
+        finest = float(np.diff(self.family.grid).min())
+        step = _STEP * finest
         either = [self.family.columns(value + h) @ coefficients for h in (step, -step)]
-        slope = self.projected.problem.orthogonalise((either[0] - either[1]) / (2 * step))
-        slope = slope - columns @ least_squares(columns, slope, ROUNDING)
+        difference = (either[0] - either[1]) / (2 * step)
+        slope = self.projected.problem.orthogonalise(difference)
+        explained = columns @ least_squares(columns, slope, ROUNDING)
+        slope = slope - explained
         residual = self.projected.y - columns @ coefficients
-        variance = float(residual @ residual) / max(self.projected.problem.degrees, 1)
+        degrees = max(self.projected.problem.degrees, 1)
+        variance = float(residual @ residual) / degrees
         squares = float(slope @ slope) / self.projected.design_effect
         return float(np.sqrt(variance / max(squares, 1e-300)))
 

@@ -77,18 +77,21 @@ class Window:
                 break
             chosen = max(unvisited, key=seen.__getitem__)
             done.add(chosen)
-            for members in _neighbours(objective, tuple(sorted(chosen)), open_):
+            neighbours = _neighbours(objective, tuple(sorted(chosen)), open_)
+            for members in neighbours:
                 seen.setdefault(frozenset(members), objective.value(members))
         top = max(seen.values())
         probable_sets = [s for s in seen if seen[s] > top - _WINDOW]
         logs = np.array([seen[s] for s in probable_sets])
         weights = np.exp(logs - logsumexp(logs))
-        return cls(objective, tuple(tuple(sorted(s)) for s in probable_sets), weights)
+        term_sets = tuple(tuple(sorted(s)) for s in probable_sets)
+        return cls(objective, term_sets, weights)
 
     def more_probable_set(self, count: int) -> Members | None:
         """The likeliest set, where it is worth more than the set of the first `count` terms; None where it is not."""
         best = int(np.argmax(self.weights))
-        accepted = self.objective.value(tuple(range(count)))
+        accepted_set = tuple(range(count))
+        accepted = self.objective.value(accepted_set)
         gain = self.objective.value(self.term_sets[best]) - accepted
         return self.term_sets[best] if gain > LEAST_LOG_ODDS else None
 
@@ -115,7 +118,9 @@ class Window:
         """
         terms = self.objective.terms
         numbers = {h.key: i for i, h in enumerate(terms)}
-        names = self.names({h.key for h in terms[:count]}, [h.key for h in terms if is_elastic(h)])
+        elastic_keys = [h.key for h in terms if is_elastic(h)]
+        accepted_keys = {h.key for h in terms[:count]}
+        names = self.names(accepted_keys, elastic_keys)
         best, exchanged = 0.0, None
         for i, h in enumerate(terms[:count]):
             name = names.get(h.key)
@@ -153,17 +158,22 @@ class Window:
         holding = [k for k, members in enumerate(self.term_sets) if number in members]
         value = self.objective.coefficient(accepted, number)
         others = [self.objective.coefficient(self.term_sets[k], number) for k in holding]
-        weights = self.weights[holding] / max(self.weights[holding].sum(), ROUNDING)
-        return float(np.sqrt(weights @ (np.array(others) - value) ** 2) / max(abs(value), 1e-300))
+        holding_weights = self.weights[holding]
+        weights = holding_weights / max(holding_weights.sum(), ROUNDING)
+        deviations = (np.array(others) - value) ** 2
+        return float(np.sqrt(weights @ deviations) / max(abs(value), 1e-300))
 
     def _replacements(
         self, key: Key, others: Sequence[Key], occurrence: np.ndarray, absent: np.ndarray
     ):
         """`EffectPosterior.replacements` of a key: occurrence (others, sets), absent (sets,) weights without it."""
         likeness = np.array([explained_share(self.objective, key, other) for other in others])
-        likeness_of_sets = occurrence * np.maximum(likeness, ROUNDING)[:, None]
-        shares = likeness_of_sets / np.maximum(likeness_of_sets.sum(0), ROUNDING) @ absent
-        ranked = [k for k in np.argsort(-shares)[:MOST_LISTED] if shares[k] >= LISTED_PROBABILITY]
+        likely = np.maximum(likeness, ROUNDING)
+        likeness_of_sets = occurrence * likely[:, None]
+        totals = np.maximum(likeness_of_sets.sum(0), ROUNDING)
+        shares = likeness_of_sets / totals @ absent
+        in_order = np.argsort(-shares)[:MOST_LISTED]
+        ranked = [k for k in in_order if shares[k] >= LISTED_PROBABILITY]
         return tuple((others[k], float(shares[k]), float(likeness[k])) for k in ranked)
 
     def _present(self, keys: Sequence[Key]) -> dict[Key, np.ndarray]:
@@ -197,7 +207,8 @@ def _neighbours(objective: LogPosterior, members: Members, open_: Sequence[int])
 
 def explained_share(objective: LogPosterior, key: Key, other: Key) -> float:
     """Share (0-1) of a term's first column, the baseline projected out, that another term's columns make."""
-    numbers = {h.key: i for i, h in reversed(list(enumerate(objective.terms)))}
+    in_reverse = reversed(list(enumerate(objective.terms)))
+    numbers = {h.key: i for i, h in in_reverse}
     return _share(objective, numbers[key], numbers[other])
 
 
@@ -209,7 +220,8 @@ def _share(objective: LogPosterior, i: int, j: int) -> float:
         return 0.0
     cross = objective.gram[first, columns]
     inner = objective.gram[np.ix_(columns, columns)]
-    return float(np.clip(cross @ pseudo_inverse(inner, 1e-9) @ cross / length, 0.0, 1.0))
+    inverse = pseudo_inverse(inner, 1e-9)
+    return float(np.clip(cross @ inverse @ cross / length, 0.0, 1.0))
 
 
 def effect_posteriors(search) -> dict[Key, EffectPosterior]:
@@ -328,7 +340,8 @@ def _raises_posterior(search, i: int, other: Hypothesis) -> bool:
     objective = _objective_with(search, [other])
     present = search.accepted_indices
     exchanged = tuple(len(present) if k == i else k for k in present)
-    return objective.value(exchanged) - objective.value(present) > LEAST_LOG_ODDS
+    rise = objective.value(exchanged) - objective.value(present)
+    return rise > LEAST_LOG_ODDS
 
 
 def _objective_with(search, others: Sequence[Hypothesis]) -> LogPosterior:
@@ -403,8 +416,11 @@ def _elastic_window(search) -> Window | None:
         if not h.label.startswith(LABEL):
             plain.setdefault(h.key, h)
     known = {h.key for h in accepted}
-    terms = [*accepted, *(h for key, h in plain.items() if key not in known)]
+    unlisted = (h for key, h in plain.items() if key not in known)
+    terms = [*accepted, *unlisted]
     solved = as_solved(search, accepted)
-    objective = LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
+    problem = search.problem.conditional_on(())
+    objective = LogPosterior.of(problem, terms, accepted=solved)
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
-    return Window.near_set(objective, tuple(range(len(accepted))), open_)
+    current_set = tuple(range(len(accepted)))
+    return Window.near_set(objective, current_set, open_)

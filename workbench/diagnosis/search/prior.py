@@ -117,7 +117,8 @@ def elastic_prior(
         elif robot is not None:
             scale[i] = relative * robot.size(source.load) / float(source.typical[0])
     if elastic.any():
-        deflects = float(logsumexp(log_prior[elastic]) - logsumexp(log_odds[elastic]))
+        all_elastic = logsumexp(log_prior[elastic])
+        deflects = float(all_elastic - logsumexp(log_odds[elastic]))
     else:
         deflects = 0.0
     deflects -= problem.moments_cost
@@ -224,8 +225,10 @@ def _median_compliance(found: np.ndarray, std: np.ndarray, load: np.ndarray) -> 
 def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     """The value (K,) up to which half of the weight (K,) lies."""
     order = np.argsort(values)
-    reached = np.cumsum(weights[order]) >= 0.5 * weights.sum()
-    return float(values[order][int(np.argmax(reached))])
+    cumulated = np.cumsum(weights[order])
+    reached = cumulated >= 0.5 * weights.sum()
+    middle = int(np.argmax(reached))
+    return float(values[order][middle])
 
 
 @dataclass(frozen=True)

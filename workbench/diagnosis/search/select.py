@@ -23,13 +23,8 @@ from workbench.diagnosis.noise.data_findings import (
     relative_noise,
     unweighted_squares,
 )
-from workbench.diagnosis.noise.random_effects import (
-    RandomEffect,
-    find_random_effect,
-    is_rounding,
-    place_of,
-    random_effect_finding,
-)
+from workbench.diagnosis.noise.random_effect_findings import place_of, random_effect_finding
+from workbench.diagnosis.noise.random_effects import RandomEffect, find_random_effect, is_rounding
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.search.compatible import is_neighbour
 from workbench.diagnosis.search.findings import (

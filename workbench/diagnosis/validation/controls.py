@@ -304,9 +304,14 @@ class _Trial:
         """Median share of the fitted effect (of its sum of squares, 0 to about 2) that a permutation changes."""
         changes = []
         for _ in range(_SHIFTS):
-            change = self._left(self.columns(self.permuted(rng) - self.small) @ self.coefficients)
-            changes.append(float(change @ change))
+            changes.append(self._squared_change(self.permuted(rng)))
         return float(np.median(changes)) / max(float(self.fitted @ self.fitted), 1e-300)
+
+    def _squared_change(self, responses: np.ndarray) -> float:
+        """Sum of squares by which other responses of the effects change the fitted effect."""
+        difference = self.columns(responses - self.small)
+        change = self._left(difference @ self.coefficients)
+        return float(change @ change)
 
     def permuted(self, rng):
         """Responses of the effects with permuted poses."""

@@ -105,15 +105,21 @@ def thinned(pose: np.ndarray, samples: np.ndarray, max_samples: int = _SEARCHED)
     step = int(np.ceil(samples.sum() / max_samples))
     chosen, place = np.unique(pose[samples], return_inverse=True)
     if step > 1 and len(chosen) < 2 * step * _MIN_POSES_OF_FIFTHS:
-        mixed = np.random.default_rng(0).permutation(len(place))
-        order = mixed[np.argsort(place[mixed], kind="stable")]
-        keep = np.zeros(len(place), bool)
-        keep[order[::step]] = True
+        keep = _some_rows_of_each_pose(place, step)
     else:
         keep = place % step == 0
     out = np.zeros(len(samples), bool)
     out[np.flatnonzero(samples)[keep]] = True
     return out
+
+
+def _some_rows_of_each_pose(place: np.ndarray, step: int) -> np.ndarray:
+    """(n,) bool: one in `step` rows, at random but always the same, of every pose; place (n,): number of the pose."""
+    mixed = np.random.default_rng(0).permutation(len(place))
+    order = mixed[np.argsort(place[mixed], kind="stable")]
+    keep = np.zeros(len(place), bool)
+    keep[order[::step]] = True
+    return keep
 
 
 def tested_samples(bench) -> np.ndarray | None:

@@ -53,7 +53,7 @@ def rms_pair(
     Where the squares rise and Huber's loss falls, a few samples far off decide on the squares: errors then count by
     the loss, which decides on a term in every other place (`paired_t`).
     """
-    used = inliers & np.isfinite(before) & np.isfinite(after)
+    used = _compared(inliers, before, after)
     plain = rms(before, used, sigma), rms(after, used, sigma)
     if plain[1] < plain[0] or not used.any():
         return plain
@@ -67,6 +67,11 @@ def rms_pair(
     if with_it < base:
         return (float(base), float(with_it))
     return plain
+
+
+def _compared(inliers: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(n,) bool: inliers whose errors (n,) are known both without and with some terms."""
+    return inliers & np.isfinite(before) & np.isfinite(after)
 
 
 def paired_t(
@@ -85,7 +90,7 @@ def paired_t(
     sigma (n,): noise of each sample where they are not all of one kind, as corners, stripes on boards and stripes on
     balls are not. Errors then count in it and a pose by all of its samples, see `_jackknife_t`.
     """
-    used = inliers & np.isfinite(before) & np.isfinite(after)
+    used = _compared(inliers, before, after)
     _, group = np.unique(pose[used], return_inverse=True)
     if not used.any() or group.max() < 2:
         return 0.0
@@ -95,7 +100,11 @@ def paired_t(
     if sigma is not None:
         moved = np.bincount(group, _moved(base, with_it))
         return _jackknife_t(falls, moved)
-    falls = falls / np.bincount(group)
+    return _t_of_mean(falls / np.bincount(group))
+
+
+def _t_of_mean(falls: np.ndarray) -> float:
+    """Mean of independent values over its standard error; 0 where they are all equal."""
     spread = falls.std(ddof=1) / np.sqrt(len(falls))
     if spread > 0:
         return float(falls.mean() / spread)
@@ -208,7 +217,7 @@ def showing_poses(
     pose: np.ndarray, before: np.ndarray, after: np.ndarray, inliers: np.ndarray, sigma: np.ndarray
 ) -> float:
     """Effective number of poses that show an effect: before, after (n,) errors without and with it, sigma (n,)."""
-    used = inliers & np.isfinite(before) & np.isfinite(after)
+    used = _compared(inliers, before, after)
     if not used.any():
         return 1.0
     _, group = np.unique(pose[used], return_inverse=True)

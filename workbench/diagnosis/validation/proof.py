@@ -393,7 +393,7 @@ def _controlled(bench, terms: list[Term], progress) -> tuple[list[Term], list[Te
     for term in terms:
         step(f"controls of {term.title}")
         tested = term.finding.effects
-        others = [effect for effect in solved if not any(effect is mine for mine in tested)]
+        others = [effect for effect in solved if not any(effect is left_out for left_out in tested)]
         controlled = replace(term, controls=controls(bench, others, tested, solved=solved))
         broken = [control.kind for control in controlled.controls if control.passed is False]
         if broken:

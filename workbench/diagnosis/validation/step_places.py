@@ -14,7 +14,7 @@ from robot_model.effects.steps import Shift, TargetShift
 from robot_model.effects.transmission import ZeroShift
 from workbench.core.effect import Effect
 from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY
-from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Problem
+from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Problem, likeness_text
 from workbench.diagnosis.noise.serial_correlation import log_evidence
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.stability import effects_of
@@ -62,7 +62,7 @@ def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> F
             finding.label,
             float(shares[k]),
             float(likeness[k]),
-            _likeness_text(likeness[k]),
+            likeness_text(likeness[k]),
         )
         for k in np.argsort(-shares)
         if k != chosen and shares[k] >= LISTED_PROBABILITY
@@ -89,7 +89,3 @@ def _steps_at_its_instant(chain, chosen: Effect, others: Sequence[Effect]) -> li
 def _squares(problem: Problem) -> float:
     remaining = problem.orthogonalise(problem.residual)
     return float(remaining @ remaining)
-
-
-def _likeness_text(likeness: float) -> str:
-    return f"it makes {100 * likeness:.0f} % of the same signature in these poses"

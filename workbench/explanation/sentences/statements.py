@@ -13,7 +13,7 @@ from workbench.core.least_squares.adjustment_tests import p_text
 from workbench.diagnosis.levels import LISTED_PROBABILITY
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
-from workbench.diagnosis.noise.random_effects import LAST_MOVE_LABEL
+from workbench.diagnosis.noise.random_effect_findings import LAST_MOVE_LABEL
 from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH

@@ -182,11 +182,13 @@ def named_samples(recording, rows, mismatch) -> str:
     ids = [str(i) for i in recording.sample_ids[shown]]
     if mismatch[rows].max() > _ALIKE * mismatch[rows].min():
         ids = [f"{name} ({off:.3g} mm)" for name, off in zip(ids, mismatch[shown])]
-    if len(rows) > _NAMED:
-        more = [f"{len(rows) - _NAMED} more"]
-    else:
-        more = []
-    return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *more])}"
+    unlisted = _unlisted(len(rows))
+    return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *unlisted])}"
+
+
+def _unlisted(count: int) -> list[str]:
+    """How many of `count` rows or pairs a sentence does not list; nothing where it lists all."""
+    return [f"{count - _NAMED} more"] if count > _NAMED else []
 
 
 def _other_labels(robot, recording, fit, outliers, near):
@@ -220,12 +222,9 @@ def _other_labels(robot, recording, fit, outliers, near):
     pairs = []
     for i, a, b in zip(wrong.sample_ids, old, numbers):
         pairs.append(f"{i} ({label} {a} for {b})")
-    if len(pairs) > _NAMED:
-        more = [f"{len(pairs) - _NAMED} more"]
-    else:
-        more = []
+    unlisted = _unlisted(len(pairs))
     return Reason(
-        f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *more])}",
+        f"they fit with another number in column {label}: sample {listed([*pairs[:_NAMED], *unlisted])}",
         f"{label}-labels",
     )
 
@@ -289,14 +288,11 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
         f"sample {wrong.sample_ids[k]} fits with {name} {value:.8g} in place of {wrong.columns[name][k]:.8g}"
         for k, (name, value) in sorted(cells.items())
     ]
-    if len(sentences) > _NAMED:
-        more = [f"{len(sentences) - _NAMED} more"]
-    else:
-        more = []
+    unlisted = _unlisted(len(sentences))
     rest = len(outliers.rows) - len(cells)
     others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
     return Reason(
-        f"a decimal point is lost or misplaced: {listed([*sentences[:_NAMED], *more])}{others}",
+        f"a decimal point is lost or misplaced: {listed([*sentences[:_NAMED], *unlisted])}{others}",
         "decimal-point",
     )
 
@@ -345,12 +341,9 @@ def _interchanged(robot, recording, fit, outliers, near):
         pairs = []
         for k in np.flatnonzero(fitting):
             pairs.append(f"{ids[rows[k]]} holds that of {ids[rows[partner[k]]]}")
-        if len(pairs) > _NAMED:
-            more = [f"{len(pairs) - _NAMED} more"]
-        else:
-            more = []
+        unlisted = _unlisted(len(pairs))
         return Reason(
-            f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *more])}",
+            f"their measurements are interchanged: sample {listed([*pairs[:_NAMED], *unlisted])}",
             "rows-interchanged",
         )
     return None
