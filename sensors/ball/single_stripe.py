@@ -20,7 +20,7 @@ DETERMINED_MM = 0.1
 """1 sigma of the centre along any direction up to which a ball on few stripes counts as found."""
 Widths = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(m, n) ln of the squared width of the line at chosen (n,) points over that expected on balls (m, 4), centre and
-radius in mm; nan where a ball would not show the point."""
+radius in mm; nan where a ball would not show the point, or clipped pixels leave the width to the model."""
 LEAST_ARC = 20
 """Points of an arc from which on widths tell which ball it lies on."""
 FEW_STRIPES = 3
@@ -52,6 +52,8 @@ class Choice:
 def most_probable_ball(ratios: np.ndarray) -> Choice:
     """The ball that the widths tell, by ratios (m, n) as `Widths` gives them."""
     offset = _medians(ratios)
+    if not np.isfinite(offset).any():
+        return Choice(0, f"{_SHARED}; {_NO_WIDTH}")
     scatters = [_scatter(row, middle) for row, middle in zip(ratios, offset)]
     scatter = max(min(scatters), _LEAST_SCATTER)
     variance = _GRAIN * scatter**2
@@ -74,6 +76,9 @@ def most_probable_ball(ratios: np.ndarray) -> Choice:
     return Choice(best, "")
 
 
+_NO_WIDTH = (
+    "the line is overexposed, so that its width is not known, or no ball would show these points"
+)
 _SHARED = "its points lie on a single stripe, which many balls share"
 
 

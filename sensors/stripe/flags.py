@@ -25,6 +25,9 @@ STEEPEST = 1.5
 """px a row that a line may run; a steeper one is to be searched along the other axis."""
 SHORTEST = 12
 """Rows of the shortest piece of a line that is distinguishable from a glint."""
+_HIGHEST = 20.0
+"""Height of a clipped line over what is left of it below saturation: beyond it only tails farther than 2.4 widths are
+left, where no line is a Gaussian, and which light that overflows from full pixels (blooming) displaces by widths."""
 _WIDTH_CHANGE = 0.2
 """ln: how much wider or narrower than in the rows around a line may be."""
 
@@ -204,7 +207,8 @@ def flags(
         (change > 1)
         | ~_plausible(fits, setting)
         | (fits.misfit > allowed)
-        | ~np.isfinite(fits.sigma)
+        | ~(fits.sigma < fits.width)
+        | (fits.saturated & (fits.peak > _HIGHEST * (setting.saturation - fits.background)))
     )
     bits = EDGE * fits.cut + WEAK * (fits.strength < strong) + SHAPE * odd
     bits = bits + DOUBLE * double + ALONE * ~supported(fits, height, bits == 0)

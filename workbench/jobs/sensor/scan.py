@@ -263,9 +263,8 @@ class _Work:
         return sorted({ball[3] for ball in self.recording.balls.values()}) or None
 
     def stripes(self, rows):
-        """Pixels (2, n), steps (n,), image (n,) from 0, sigma (n,) px, line (3, n) (as of `Stripes.shape`, and peak in
-        grey values) and covariates of a scan's stripe; counts of what was dropped, and images in which none can be
-        seen."""
+        """Pixels (2, n), steps (n,), image (n,) from 0, sigma (n,) px, line (4, n) (`Stripes.shape`, peak in grey
+        values, 1 where clipped) and covariates of a stripe; counts of what was dropped, and images that show none."""
         paths = [path_of(self.recording, row) for row in rows]
         called = {path: f"{self.recording.name}/{row['image']}" for path, row in zip(paths, rows)}
         stripe_sets, flaws, scene, dropped, first = [], [], [], Counter(), 0
@@ -281,7 +280,7 @@ class _Work:
                         found.pixels[:, is_of_frame], found.width[is_of_frame], is_row_scan
                     )
                     scene.append(scene_of(image, len(shown), lines))
-            line = np.vstack([found.shape, found.peak])
+            line = np.vstack([found.shape, found.peak, found.saturated])
             stripe_sets.append((found.pixels, first + found.frame, found.sigma, line))
             dropped.update(found.dropped)
             first += len(stack)
@@ -316,9 +315,8 @@ class _Work:
         refused: list[Refusal] = []
         options = dict(stripe=cloud.stripe, refused=refused, incidence=trimmed, view=cloud.view)
         if self.scanner.line is not None and cloud.motion is None:
-            options["widths"] = lambda place, balls: cloud.subset(place).width_ratios(
-                shape[0, place], balls
-            )
+            width = np.where(shape[3], np.nan, shape[0])
+            options["widths"] = lambda k, balls: cloud.subset(k).width_ratios(width[k], balls)
         found = (
             find_balls(points, radii, free=True, **options, **columns) if points.shape[1] else []
         )
