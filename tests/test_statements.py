@@ -51,3 +51,13 @@ def test_progress_names_the_samples_about_an_instant():
         "shift at tool between samples 50 and 51; backlash at joint-2",
         "board-bow at artefact",
     ]
+
+
+def test_moments_that_are_estimated_next_to_stated_masses_may_be_an_unrecorded_load():
+    label = "with first mass moments estimated jointly"
+    one = Finding("joint-compliance", "joint-6", label, (), 1e-9, 1.0, 0.3, 40.0)
+    said = statements.statement(Term(one, size=0.03), "the ball", "mm")
+    assert "masses or centres of mass in the robot file are wrong" in said
+    assert "a load that is not recorded" in said
+    plain = Finding("joint-compliance", "joint-6", "", (), 1e-9, 1.0, 0.3, 40.0)
+    assert "not recorded" not in statements.statement(Term(plain, size=0.03), "the ball", "mm")

@@ -15,6 +15,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effect_findings import LAST_MOVE_LABEL
 from workbench.diagnosis.robot.derived import DEFLECTION
+from workbench.diagnosis.robot.mass_responses import LABEL as ESTIMATED_MOMENTS
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH
 from workbench.diagnosis.search.findings import SAME_FUNCTION
@@ -72,7 +73,7 @@ def instants_in_brackets(text: str, order: np.ndarray, ids: np.ndarray) -> str:
 def statement(term: Term, tip: str, unit: str) -> str:
     """One paragraph on one finding. tip: what the displacement is of ('the ball')."""
     found = term.finding
-    sentences = [_cause(term, tip, unit), _places(found), _validated(term, unit)]
+    sentences = [_cause(term, tip, unit), _masses(found), _places(found), _validated(term, unit)]
     sentences += [f"Alarm: {alarm}." for alarm in found.alarms]
     # what a refused term may be called instead is of no use
     sentences.append(_uncertainty(found) if term.kept else f"Reason: {term.reason}.")
@@ -122,6 +123,16 @@ def _cause(term: Term, tip: str, unit: str) -> str:
         )
         return f"{text}{': ' + size if size else ''}."
     return _of_law(term, size)
+
+
+def _masses(found: Finding) -> str:
+    """Why the first moments of the links had to be estimated, although masses are stated; "" where they were not."""
+    if not found.label.startswith(ESTIMATED_MOMENTS):
+        return ""
+    return (
+        "The stated masses do not explain this deflection: masses or centres of mass in the robot file are wrong, or "
+        "the tool carries a load that is not recorded."
+    )
 
 
 def _places(found: Finding) -> str:
