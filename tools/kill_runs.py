@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -42,6 +43,8 @@ where = "joint-2"
 values = { compliance = 3e-5 }
 """
 PATIENCE_S = 20
+DATE = re.compile(rb"^date = .*$", re.MULTILINE)
+"""The line of a result that differs from run to run."""
 
 
 def _study(home: Path) -> None:
@@ -103,6 +106,12 @@ def _clouds(home: Path) -> None:
     (home / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def _cell(home: Path) -> None:
+    """Images of a board under the laser in `cell`."""
+    if not (home / "cell").is_dir():
+        _run(home, "new", "scan-images", "{}/cell")
+
+
 def _write_table(path: Path, names: list[str], values: np.ndarray) -> None:
     np.savetxt(path, values, "%.6f", ",", header=",".join(names), comments="")
 
@@ -111,13 +120,18 @@ def _write_table(path: Path, names: list[str], values: np.ndarray) -> None:
 class Command:
     """Words of a command that writes into a folder, and the file whose bytes are its result.
 
-    `prepare(home)` writes what the command reads.
+    `prepare(home)` writes what the command reads. `--out` names the folder; with `names_file` it names the file itself.
     """
 
     name: str
     words: tuple[str, ...]
     result: str
     prepare: Callable[[Path], None] = _nothing
+    names_file: bool = False
+
+    def destination(self, out: Path) -> Path:
+        """What `--out` names, where the result belongs in the folder `out`."""
+        return out / self.result if self.names_file else out
 
 
 COMMANDS = (
@@ -141,6 +155,7 @@ COMMANDS = (
         "samples.csv",
         _clouds,
     ),
+    Command("scanner", ("scanner", "{}/cell"), "scanner.toml", _cell, names_file=True),
 )
 
 
@@ -214,7 +229,9 @@ def _tear_a_part(folder: Path, rng: random.Random) -> None:
 
 def started(command: Command, home: Path, out: Path) -> subprocess.Popen:
     """The command in a session of its own."""
-    return _run_in_background(home, *command.words, "--out", str(out))
+    if command.names_file:
+        out.mkdir(exist_ok=True)
+    return _run_in_background(home, *command.words, "--out", str(command.destination(out)))
 
 
 def _run(home: Path, *words: str) -> None:
@@ -235,8 +252,8 @@ def _run_in_background(home: Path, *words: str) -> subprocess.Popen:
 
 
 def finished(command: Command, home: Path, out: Path) -> tuple[str, float]:
-    """Checksum of the result of a command that is not killed and of the names of all its files, "" where it failed; and
-    its duration in s."""
+    """Checksum of the result of a command that is not killed, without its date, and of the names of all its files, ""
+    where it failed; and its duration in s."""
     start = time.monotonic()
     if not (out / command.result).is_file():
         started(command, home, out).wait()
@@ -244,7 +261,8 @@ def finished(command: Command, home: Path, out: Path) -> tuple[str, float]:
     found = ""
     if path.is_file():
         names = "\n".join(sorted(inside.name for inside in out.iterdir()))
-        found = hashlib.sha256(path.read_bytes() + names.encode()).hexdigest()
+        content = DATE.sub(b"", path.read_bytes())
+        found = hashlib.sha256(content + names.encode()).hexdigest()
     return found, max(time.monotonic() - start, 3.0)
 
 

@@ -9,10 +9,9 @@ from workbench.fitting.plausibility.fitting import (
     FAILURES,
     Fit,
     fit_recording,
-    flange_scatter,
-    reach_of,
     row_mismatch,
 )
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.joint_columns.coupled_drives import coupled_drives
 from workbench.fitting.plausibility.joint_columns.rounding import explains, joint_rounding
 from workbench.fitting.plausibility.joint_columns.small_mistakes import small_mistakes
@@ -51,7 +50,6 @@ from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import change_point_sentence, listed
 
 _ROWS, _MANY_STEPS = 240, 60
-_GOOD_MM, _GOOD_REACH, _GOOD_SPREAD = 0.5, 0.001, 0.006
 _FAR_FROM_GOOD = 3.0
 """Times a good fit: an error above it is no deflection, whatever the direction of gravity."""
 _SIGMA_RATIO = 4.0
@@ -151,16 +149,6 @@ def _converged(robot, recording, fit: Fit) -> Fit:
     return fit_recording(robot, chosen, fit.parameters.values, steps=_MANY_STEPS)
 
 
-def good_scale(robot, recording) -> float:
-    """mm of misfit that noise and the unmodelled effects of a sound arm leave at most.
-
-    Compliance, transmission errors and drift grow with the arm and with the range over which it moves. Five real
-    arms leave at most 0.05 % of their reach, and 0.4 % of the RMS distance of their flange from its mean place.
-    """
-    spread = flange_scatter(robot, recording)
-    return max(_GOOD_MM, min(_GOOD_REACH * reach_of(robot, recording), _GOOD_SPREAD * spread))
-
-
 def _well_fitting(robot, recording, fit: Fit, scale_of_good_fit) -> Iterator[Suspicion]:
     """Structure in the residuals of a recording most of whose rows fit."""
     named = f"samples.csv of recording '{recording.name}'"
@@ -247,8 +235,33 @@ def _isolated_rows(robot, recording, fit: Fit, named: str) -> Iterator[Suspicion
         yield _outlying(recording, isolated, reason, named)
 
 
+def _of_part(robot, recording, change, scale_of_good_fit) -> Suspicion | None:
+    """A mistake that the rows on one side of a change point have in common; a fit of the other side shows it."""
+    named = f"samples.csv of recording '{recording.name}'"
+    order = time_order(recording)
+    split = int(np.flatnonzero(recording.sample_ids[order] == change.after)[0])
+    for known, other in ((order[:split], order[split:]), (order[split:], order[:split])):
+        try:
+            sound = recording.select(np.sort(known))
+            fit = fit_recording(robot, sound.select(even_rows(sound, _ROWS)))
+            mismatch = row_mismatch(robot, recording, fit)
+        except FAILURES:
+            continue
+        rows = np.sort(other[mismatch[other] > _EFFECT * scale_of_good_fit])
+        if fit.core > scale_of_good_fit or not len(rows):
+            continue
+        outliers = Outliers(rows, mismatch, float(np.median(mismatch[known])))
+        reason = outlier_reason(robot, recording, fit, outliers)
+        if reason.is_specific:
+            return _outlying(recording, outliers, reason, named)
+    return None
+
+
 def _moved_or_explained(robot, recording, fit, scale_of_good_fit, change) -> list[Suspicion]:
-    """A change point, unless one correction of the data explains them better still."""
+    """A change point, unless a correction of the rows on one side, or of all rows, explains the data better still."""
+    of_part = _of_part(robot, recording, change, scale_of_good_fit)
+    if of_part is not None:
+        return [of_part]
     found = explained_suspicions(robot, recording, fit, min(scale_of_good_fit, change.scale / 2))
     sentence = change_point_sentence(f"samples.csv of recording '{recording.name}'", change)
     return found or [Suspicion(sentence, False, "moved", instant=(change.before, change.after))]
@@ -278,10 +291,8 @@ def _majority_fit(robot, recording, scale_of_good_fit, share: float) -> Fit | No
 def _outlying(recording, outliers, reason, named) -> Suspicion:
     rows = outliers.rows
     distances = outliers.mismatch[outliers.rows]
-    if len(rows) > 1:
-        size = f"{distances.min():.3g} to {distances.max():.3g} mm"
-    else:
-        size = f"{distances[0]:.3g} mm"
+    sizes = dict.fromkeys(f"{distance:.3g}" for distance in (distances.min(), distances.max()))
+    size = f"{' to '.join(sizes)} mm"
     are = "are" if len(rows) > 1 else "is"
     samples = named_samples(recording, rows, outliers.mismatch)
     sentence = (

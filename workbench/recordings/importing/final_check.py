@@ -11,7 +11,7 @@ from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.check import good_scale
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.robot_files.far_geometry import (
     CAUSE,
     OTHER_ROBOT,

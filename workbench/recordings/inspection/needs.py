@@ -105,8 +105,10 @@ def sample_needs(recording: Recording) -> Iterator[Need]:
         found = check_plausibility(robot, samples_of(recording))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return  # no fit is possible: other needs say why
+    has_far_geometry = find_far_geometry(robot, recording) is not None  # a need of its own
     for suspicion in found:
-        if suspicion.cause not in (CAUSE, OTHER_ROBOT):
+        is_far_geometry = suspicion.cause in (CAUSE, OTHER_ROBOT) and not suspicion.certain
+        if not (is_far_geometry and has_far_geometry):
             statement, action = _statement_and_action(suspicion.sentence)
             yield Need("calibrate", suspicion.certain, statement, action, is_mistake=True)
 

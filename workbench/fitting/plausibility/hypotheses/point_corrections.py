@@ -36,10 +36,15 @@ def point_corrections(recording) -> Iterator[Correction]:
     if set(POINT) <= set(recording.columns):
         yield from _axes(recording)
     if has_orientation(recording):
-        yield from _quaternions()
-        yield _inverse_pose()
+        yield from pose_corrections()
     if axis_columns(recording):
         yield from _measured_axis(recording)
+
+
+def pose_corrections() -> Iterator[Correction]:
+    """Every single mistake of measured orientations and of whole poses."""
+    yield from _quaternions()
+    yield _inverse_pose()
 
 
 def _units(recording, lengths):

@@ -10,6 +10,7 @@ from robot_model.measurements import samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import Fit, fit_recording, nominal_scale
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.suspicion import Suspicion
 from workbench.fitting.plausibility.wording import far_parameters, listed
@@ -66,18 +67,17 @@ class FarGeometry:
 
 
 def find_far_geometry(robot: Robot, recording) -> FarGeometry | None:
-    """Report parameters far from the nominal robot of a recording; None where none is, or no fit is possible.
+    """Report parameters far from the nominal robot of a recording; None where none is, or where nothing fits.
 
-    recording: of any kind that a robot is calibrated with.
+    recording: of any kind that a robot is calibrated with. The geometry of a bad fit says nothing about the arm.
     """
     try:
         samples = samples_of(recording)
         fit = fit_recording(robot, samples.select(even_rows(samples, _ROWS)))
     except (np.linalg.LinAlgError, InputError, ValueError):
         return None
-    if np.isfinite(fit.scale):
-        return far_geometry(robot, samples, fit)
-    return None
+    fits = np.isfinite(fit.scale) and fit.core <= good_scale(robot, samples)
+    return far_geometry(robot, samples, fit) if fits else None
 
 
 def far_geometry(robot: Robot, recording, fit: Fit) -> FarGeometry | None:

@@ -14,12 +14,22 @@ from workbench.fitting.plausibility.hypotheses.row_corrections import (
     shift_steps,
 )
 from workbench.fitting.plausibility.joint_columns.columns_at_rest import longest_run
+from workbench.fitting.plausibility.rows.group_corrections import (
+    copied_readings,
+    corrected_columns,
+    held_measurements,
+)
 from workbench.fitting.plausibility.rows.row_groups import (
     Reason,
     another_frame,
     interchanged_columns,
     lost_signs,
     readings_in_other_unit,
+)
+from workbench.fitting.plausibility.rows.single_values import (
+    moving_arm,
+    wrong_coordinate,
+    wrong_reading,
 )
 
 FAR = 10.0
@@ -133,6 +143,7 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
     near = _NEAR * outliers.median
     for explain in (
         _stuck,
+        _of_group(held_measurements),
         _other_labels,
         _other_unit,
         _of_group(readings_in_other_unit),
@@ -141,8 +152,13 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         _lost_decimal_points,
         _shifted,
         _interchanged,
+        _of_group(corrected_columns),
+        _of_group(wrong_coordinate),
+        _of_group(moving_arm),
+        _of_group(wrong_reading),
         _wrong_target,
         _of_group(another_frame),
+        _of_group(copied_readings),
     ):
         reason = explain(robot, recording, fit, outliers, near)
         if reason is not None:

@@ -13,8 +13,8 @@ from datasets.importers.units import ANGLES
 from datasets.recording import Recording
 from datasets.samples.columns import POINT, joint_columns
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import fit_recording, row_mismatch
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.interpretation import decisions

@@ -14,8 +14,8 @@ import numpy as np
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import Fit, fit_recording, row_mismatch
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.recordings.importing.interpretation.fits import compare_readings
 

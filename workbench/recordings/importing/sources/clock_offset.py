@@ -20,7 +20,6 @@ from datasets.recording import Recording
 from datasets.samples.columns import joint_columns
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import (
     Fit,
     fit_recording,
@@ -28,6 +27,7 @@ from workbench.fitting.plausibility.fitting import (
     nominal_scale,
     row_residual,
 )
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.sampling import even_rows
 
 _SIGMAS = 3.0
