@@ -28,13 +28,12 @@ from workbench.recordings.importing.interpretation import decisions
 from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.interpretation.label_columns import label_columns, labelled
 from workbench.recordings.importing.interpretation.questions import Question, choose
+from workbench.recordings.importing.sources.point_files import keep_their_distance
 
 _MOST_TESTED = 300
 _SCREENED_FITS = 4
 _MOST_OF_POINT = 3
 _ABOUT_ONE_TURN = 400.0  # deg, which radians never reach
-_RIGID, _TURNED = 0.01, 0.01
-"""Changes of the distance and of the direction between two reflectors, as shares of their distance."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def _as_reflectors(table: RawTable, best: _Found, found: Sequence[_Found]) -> _F
     points = [candidate.mapping.point.columns for candidate in ordered]
     rows, _ = complete_rows(table, first)
     seen = [np.stack([rows.columns[name] for name in names], axis=1) for names in points]
-    if not all(_keeps_its_distance(one - other) for one, other in combinations(seen, 2)):
+    if not all(keep_their_distance(one - other) for one, other in combinations(seen, 2)):
         return None
     names = {str(place): columns for place, columns in enumerate(points, 1)}
     columns = {**first.columns, REFLECTOR: REFLECTOR, POSE: POSE}
@@ -186,15 +185,6 @@ def _side_by_side(table: RawTable, found: Sequence[_Found]) -> list[_Found]:
     if len(longest) == 1:
         return [starts[place] for place in longest[0]]
     return []
-
-
-def _keeps_its_distance(vectors: np.ndarray) -> bool:
-    """Whether vectors (n, 3) between two points keep their length and change their direction."""
-    lengths = np.linalg.norm(vectors, axis=1)
-    length = float(np.median(lengths))
-    change = float(np.median(np.abs(lengths - length)))
-    turned = float(np.linalg.norm(np.std(vectors, axis=0)))
-    return change < _RIGID * length and turned > _TURNED * length
 
 
 def _exchanged(table: RawTable, best: _Found, positions) -> list[_Found]:

@@ -19,6 +19,7 @@ from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions
 from workbench.recordings.importing.sources.header_problems import header_error
 from workbench.recordings.importing.sources.named_joints import with_named_joints
+from workbench.recordings.importing.sources.point_files import with_point_files
 from workbench.recordings.importing.sources.timed_join import TimedJoin
 from workbench.recordings.importing.sources.touches import with_touches
 from workbench.recordings.importing.target_poses.centre_layouts import pose_and_centre
@@ -79,8 +80,12 @@ def find_mapping(
     tables = with_time_units([_with_time(table, mapping) for table in source.tables])
     source = replace(source, tables=tuple(tables))
     mapping = with_named_joints(source.tables, mapping, options.robot or mapping.robot)
-    options = replace(options, mapping=mapping)
     is_plain = not source.images and not source.clouds
+    point_files = with_point_files(source.tables, mapping) if is_plain else None
+    if point_files is not None:
+        tables, mapping = point_files
+        source = replace(source, tables=tuple(tables))
+    options = replace(options, mapping=mapping)
     if is_plain and _may_be_target_poses(options):
         pair = two_pose_sets(source.tables, mapping)
         pair = pair or pose_and_centre(source.tables, mapping)
