@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import sensor_virtual
+from robot_model.measurements.closure import rigid_fit
 from sensors.camera.correlated_errors.displaced_lines import DisplacedLine, HeldOut
 from sensors.camera.correlated_errors.shared_effects import BoardLine
 from sensors.effects import CATALOGUE
 from sensors.light.shared_errors import SharedStripeErrors
 from sensors.scanner.residuals.line_dependence import LineDependence
 from simulated_images import simulated
+from workbench.commands.robot.diagnose import _moved_balls
 from workbench.diagnosis.linear.problem import Located
 from workbench.diagnosis.scanner import sensor
 from workbench.diagnosis.scanner.image_jitter import find_image_jitter
@@ -359,3 +361,54 @@ def test_structure_of_the_laser_line_is_never_consistent(bench):
     named = SimpleNamespace(finding=SimpleNamespace(effects=(CATALOGUE["plane-bow"]("laser"),)))
     assert image_terms(doubted, (named,), problem) == ()
     assert image_terms(bench, (), problem) == ()
+
+
+def test_error_of_ball_centres_does_not_hold_the_motion_of_the_camera_frame():
+    """A bowed light plane moves all centres by 0.8 mm, most of it together, which the hand-eye transform absorbs."""
+    effect = CATALOGUE["plane-bow"]("laser")
+    values = {"laser.plane-bow.curvature": 1e-4}
+    true = sensor_virtual.chains(corner_px=0.001, stripe_px=0.003)
+    true = replace(true, scans=tuple(name for name in true.scans for _ in sensor_virtual.RADII))
+    bowed = sensor.SensorBench(simulated(true, (effect,), values, 2))
+    recording = SimpleNamespace(
+        balls={k + 1: (*place, 10.0) for k, place in enumerate(sensor_virtual.PLATE.T)}
+    )
+    term = SimpleNamespace(finding=SimpleNamespace(effects=(effect,)))
+    said = ball_centres(bowed, recording, [term])
+    before = np.array([row["before_mm"] for row in said["centres"]])
+    rotation, translation = rigid_fit(before, true.balls.centres)
+    error = np.linalg.norm(true.balls.centres - before @ rotation.T - translation, axis=1)
+    assert said["error_rms_mm"] == pytest.approx(np.sqrt((error**2).mean()), rel=0.3)
+    assert said["moved_rms_mm"] > 4 * said["error_rms_mm"]
+    rows = [row["error_mm"] for row in said["centres"]]
+    assert max(rows) == said["error_largest_mm"]
+    text = _moved_balls(said)
+    assert f"{max(rows):.4f} mm (ball " in text and "hand-eye" in text
+
+
+def test_centres_without_effects_are_those_of_the_scanner_that_boards_calibrate(bench):
+    """Balls that contradict the scanner bend it in a joint solve; they do not bend a scanner calibrated from boards."""
+    moved = replace(bench.chains.balls, radii=bench.chains.balls.radii + 0.5)
+    wrong = sensor.SensorBench(replace(bench.chains, balls=moved))
+    boards = replace(bench.chains, balls=None)
+    known = sensor.SensorBench(boards).solve()[1].parameters
+    expected = wrong._posed(wrong.chains, (), known).values["ball"]
+    np.testing.assert_allclose(wrong.ball_centres(), expected, atol=2e-3)
+    assert np.abs(wrong.solve()[1].values["ball"] - expected).max() > 2e-2
+
+
+@pytest.mark.parametrize("count, scale", [(3, 1.0), (6, 0.0)])
+def test_few_balls_or_balls_on_a_line_have_no_error_after_alignment(count, scale):
+    rng = np.random.default_rng(0)
+    before = rng.normal(size=(count, 3)) * [100.0, scale, scale]
+    bench = SimpleNamespace(
+        ball_centres=lambda effects=(): before + 0.1 * len(effects),
+        chains=SimpleNamespace(
+            balls=SimpleNamespace(number=np.zeros(count, int)), scans=("1",) * count
+        ),
+    )
+    effect = CATALOGUE["plane-bow"]("laser")
+    term = SimpleNamespace(finding=SimpleNamespace(effects=(effect,)))
+    said = ball_centres(bench, SimpleNamespace(balls={}), [term])
+    assert said["error_rms_mm"] is None and said["moved_rms_mm"] > 0
+    assert "too few balls" in _moved_balls(said)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from datasets.recording import Recording
+from robot_model.measurements.closure import rigid_fit
 from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
 from sensors.effects.laser import GhostLine
 from sensors.effects.optics import Blooming, FocusBreathing, LensResidual
@@ -32,6 +33,8 @@ _SAME_SPREAD = 0.2  # relative change of the spread of jitter below which a sear
 _SAME_POINTS = "displaces the same points"
 _SAME_PROFILE = "makes nearly the same profile of the line"
 _AS_WELL = "predicts left-out board poses nearly as well"
+_FEWEST_ALIGNED = 4  # centres: three have hardly more freedom than a rigid motion
+_ON_A_LINE = 0.01  # of their extent
 _KINDS = {"corners": "corners", "board_stripes": "stripes on boards", "balls": "stripes on balls"}
 
 
@@ -85,7 +88,10 @@ def errors_by_kind(bench, proof: Proof, inliers: np.ndarray) -> list[dict]:
 def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | None:
     """Ball centres (mm, camera frame) of every scan with the baseline and with the final model; None without balls.
 
-    `distance_error_rms_mm` compares distances between balls of one scan with artefact.csv, where there are any.
+    The baseline is the scanner that boards alone calibrate. Both models have a camera frame of their own, and the
+    hand-eye transform absorbs the rigid motion between the two: `error_rms_mm` and `error_largest_mm` are what remains
+    of the movement after rigid alignment, None where there are too few balls to tell. `distance_error_rms_mm` compares
+    distances between balls of one scan with artefact.csv, where there are any.
     """
     before = bench.ball_centres()
     if before is None:
@@ -94,14 +100,16 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
     numbers = bench.chains.balls.number
     scans = bench.chains.scans
     moved = np.linalg.norm(after - before, axis=1)
+    error = _aligned_distances(before, after)
     rows = [
         {
             "scan": scan,
             "ball": int(number) or None,
             "before_mm": old.tolist(),
             "after_mm": new.tolist(),
+            "error_mm": distance,
         }
-        for scan, number, old, new in zip(scans, numbers, before, after)
+        for scan, number, old, new, distance in zip(scans, numbers, before, after, error)
     ]
     errors = [
         _distance_error(scan_errors, numbers, scans, recording.balls)
@@ -110,11 +118,26 @@ def ball_centres(bench, recording: Recording, terms: Sequence[Term]) -> dict | N
     return {
         "moved_rms_mm": float(np.sqrt((moved**2).mean())),
         "moved_largest_mm": float(moved.max()),
+        "error_rms_mm": None if None in error else float(np.sqrt(np.square(error).mean())),
+        "error_largest_mm": None if None in error else max(error),
         "distance_error_rms_mm": None
         if errors[0] is None
         else {"before": errors[0], "after": errors[1]},
         "centres": rows,
     }
+
+
+def _aligned_distances(before: np.ndarray, after: np.ndarray) -> list[float | None]:
+    """mm between centres before and after (n, 3) each once they are aligned by a rigid motion.
+
+    None where the centres are too few, or all on one line.
+    """
+    spread = np.linalg.svd(after - after.mean(0), compute_uv=False)
+    if len(after) < _FEWEST_ALIGNED or spread[1] < _ON_A_LINE * spread[0]:
+        return [None] * len(after)
+    rotation, translation = rigid_fit(before, after)
+    remainder = after - (before @ rotation.T + translation)
+    return np.linalg.norm(remainder, axis=1).tolist()
 
 
 def with_random_errors(bench, find: Callable[..., Found]) -> tuple[object, Found]:

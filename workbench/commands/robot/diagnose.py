@@ -303,11 +303,24 @@ def _show_sensor(console, result) -> None:
         tables.grid(console, title, head, [[row[key] for key in keys] for row in kinds])
     balls = result.get("ball_centres")
     if balls is not None and balls["moved_rms_mm"] > 0:
-        console.print(
-            f"Ball centres move by {balls['moved_rms_mm']:.4f} mm RMS, at most {balls['moved_largest_mm']:.4f} mm, "
-            "from the baseline to the model with what was found.",
-            markup=False,
+        console.print(_moved_balls(balls), markup=False)
+
+
+def _moved_balls(balls) -> str:
+    """How far ball centres of a scanner calibrated from boards alone are off without what was found."""
+    moved = f"{balls['moved_rms_mm']:.4f} mm RMS"
+    if balls["error_rms_mm"] is None:
+        return (
+            f"Ball centres move by {moved}, at most {balls['moved_largest_mm']:.4f} mm, with what was found. This "
+            "includes a rigid motion, which the hand-eye transform absorbs: there are too few balls to separate it."
         )
+    worst = max(balls["centres"], key=lambda row: row["error_mm"])
+    name = "a ball" if worst["ball"] is None else f"ball {worst['ball']}"
+    return (
+        f"Without what was found, ball centres are off by {balls['error_rms_mm']:.4f} mm RMS relative to one another, "
+        f"at most {worst['error_mm']:.4f} mm ({name} of scan {worst['scan']}). With the rigid motion that the "
+        f"hand-eye transform absorbs, they move by {moved}."
+    )
 
 
 def _show_differences(console, found) -> None:

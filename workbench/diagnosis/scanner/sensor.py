@@ -251,11 +251,20 @@ class SensorBench(Bench):
         return noise, f"from {' and '.join(source)}"
 
     def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
-        """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls."""
+        """(B, 3) mm, centres of the balls of all scans in the camera frame; None without balls.
+
+        Without effects: as a scanner measures them that is calibrated from boards alone. A joint solve would bend it
+        to fit the balls, and their centres would then be off by more than any scan is.
+        """
         if self.chains.balls is None:
             return None
-        _, fit = self.solve(tuple(effects))
-        return fit.values["ball"]
+        if effects:
+            return self.solve(tuple(effects))[1].values["ball"]
+        boards = replace(self.chains, balls=None)
+        fit = solve_bundle(
+            models(boards, ()), self._table(boards, ()), families_of(boards), loss="huber"
+        )
+        return self._posed(_with_planes(self.chains, fit), (), fit.parameters).values["ball"]
 
     def parameters(
         self,
