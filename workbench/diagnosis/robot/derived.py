@@ -103,16 +103,19 @@ def reflector_rows(effect: Effect, values: np.ndarray, covariance: np.ndarray, c
         return []
     if len(np.unique(chain.state.index)) > 1:
         return []
-    x, y, z = np.broadcast_to(chain.state.target.T, (chain.n, 3))[0]
+    targets = np.broadcast_to(chain.state.target.T, (chain.n, 3))
+    x, y, z = targets[0]
     lever = np.array([[0, z, -y], [-z, 0, x], [y, -x, 0]])
     jacobian = np.hstack([np.eye(3), lever])
     moved = jacobian @ values
-    std = np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0))
+    variances = np.diag(jacobian @ covariance @ jacobian.T)
+    std = np.sqrt(np.maximum(variances, 0))
     rows = []
     for axis, value, error in zip("xyz", moved, std):
         label = f"move of the reflector along {axis} of the flange"
         numbers = {"value": float(value), "std": float(error), "unit": "mm", "typical": 0.1}
-        rows.append(_derived_row(effect, chain, f"{MOVE}_{axis}", label, numbers))
+        row = _derived_row(effect, chain, f"{MOVE}_{axis}", label, numbers)
+        rows.append(row)
     return rows
 
 
@@ -128,7 +131,8 @@ def without_shrinkage(model, fit, covariance: np.ndarray, precision: np.ndarray)
     parameters = fit.parameters
     free, typical, values = parameters.mask, parameters.typical, parameters.values
     std = np.zeros(len(values))
-    std[free] = fit.sigma_scale * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    variances = np.maximum(np.diag(covariance), 0.0)
+    std[free] = fit.sigma_scale * np.sqrt(variances)
     is_pulled = np.zeros(len(values), bool)
     has_load = any(effect.port in STATE_PORTS for effect in model.effects)
     for effect, span in zip(model.effects, model.spans):
@@ -137,9 +141,11 @@ def without_shrinkage(model, fit, covariance: np.ndarray, precision: np.ndarray)
         is_linear = effect.linear and effect.port != NOISE and not is_product
         is_pulled[span] = is_linear and is_determined
     is_pulled &= free & ~model.shrunk
-    trust = max(1.0, fit.sigma_scale**2 * fit.degrees / fit.residual.size)
+    variance_ratio = fit.sigma_scale**2 * fit.degrees / fit.residual.size
+    trust = max(1.0, variance_ratio)
     deviation = (values - parameters.nulls) / typical
-    excess = trust * parameters.precision * typical**2 - precision
+    weight_of_prior = trust * parameters.precision * typical**2
+    excess = weight_of_prior - precision
     pull = np.where(is_pulled, excess * deviation, 0.0)
     step = np.zeros(len(values))
     step[free] = covariance @ pull[free]
@@ -160,15 +166,18 @@ def with_estimated_options(
     scale = fit.sigma_scale**2
     white = np.sqrt(weights) / model.sigma(fit.parameters)
     mask = fit.parameters.mask
-    columns = (model.linearise(fit.parameters)[1] * white).reshape(mask.sum(), -1)
+    rows = model.linearise(fit.parameters)[1]
+    columns = (rows * white).reshape(mask.sum(), -1)
     slopes = np.stack(
         [_slope(model, fit, *option_of_effect) * white for option_of_effect in options.items()]
     )
     slopes = slopes.reshape(len(options), -1)
     free = np.flatnonzero(mask)
-    shared = covariance[:, free] @ (columns @ slopes.T) / scale
+    products = columns @ slopes.T
+    shared = covariance[:, free] @ products / scale
     information = slopes @ slopes.T - (columns @ slopes.T).T @ shared[free]
-    return covariance + scale * shared @ np.linalg.pinv(information, hermitian=True) @ shared.T
+    inverse = np.linalg.pinv(information, hermitian=True)
+    return covariance + scale * shared @ inverse @ shared.T
 
 
 def _slope(model, fit, effect: Effect, option) -> np.ndarray:
@@ -176,7 +185,8 @@ def _slope(model, fit, effect: Effect, option) -> np.ndarray:
     either = []
     for step in (_STEP, -_STEP):
         effects = tuple(option.changed(e, step) if e is effect else e for e in model.effects)
-        either.append(type(model)(model.chain, effects).residual(fit.parameters))
+        changed = type(model)(model.chain, effects)
+        either.append(changed.residual(fit.parameters))
     return (either[0] - either[1]) / (2 * _STEP)
 
 
@@ -186,12 +196,15 @@ def variation_mm(model, fit, effect: Effect, values: np.ndarray) -> float:
     The mean of a deflection under weights that are not known is not distinguishable from the geometry.
     """
     changes = effect.delta(values, model.chain.state)
-    changes = changes - changes.mean(-1, keepdims=True)
+    mean = changes.mean(-1, keepdims=True)
+    changes = changes - mean
     rows = model.evaluate(fit.parameters).rows(
         effect.port, np.asarray(effect.port_indices(model.chain))
     )
-    moved = model.joined(np.einsum("kn,kmn->mn", changes, rows))[:_AXES]
-    return float(np.sqrt((moved**2).sum(0).mean()))
+    displacement = model.joined(np.einsum("kn,kmn->mn", changes, rows))
+    moved = displacement[:_AXES]
+    squares = (moved**2).sum(0)
+    return float(np.sqrt(squares.mean()))
 
 
 def negative_masses(bench, effects: Sequence[Effect], samples=None) -> list[Effect]:
@@ -211,7 +224,9 @@ def linear_values(
     if effect.linear or effect.port in (*STATE_PORTS, NOISE):
         return p
     of_port = rows(effect.port, effect.port_indices(chain))
-    contribution = rows.joined(np.einsum("kn,kmn->mn", effect.delta(p, state), of_port))
+    delta = effect.delta(p, state)
+    displacement = np.einsum("kn,kmn->mn", delta, of_port)
+    contribution = rows.joined(displacement)
     return least_squares(columns, contribution.ravel())
 
 
@@ -229,7 +244,8 @@ def scale_of_reading(model, values: np.ndarray, covariance: np.ndarray, curve: J
     laws = np.concatenate([effect.basis(model.chain.state)[:, 0] for effect, _ in scaled_effects])
     chosen = np.concatenate([numbers for _, numbers in scaled_effects])
     angle = model.chain.state.drive_angles[curve.number - 1]
-    scale = reading_scale(laws, values[chosen], covariance[np.ix_(chosen, chosen)], angle)
+    chosen_covariance = covariance[np.ix_(chosen, chosen)]
+    scale = reading_scale(laws, values[chosen], chosen_covariance, angle)
     if scale is None:
         return {}
     return {"reading_scale": (scale.factor, scale.std)}
@@ -244,4 +260,5 @@ def spectrum(effect: JointCurve, coefficients: np.ndarray, chain) -> dict:
     found = dominant_cycles(effect, coefficients, gear_ratio=ratio)
     cycles = [(c.order, c.amplitude, c.per_motor_revolution) for c in found]
     share = periodic_share(effect, coefficients, found)
-    return {"curve_rms": float(error.std()), "cycles": cycles, "periodic_share": share}
+    curve_rms = float(error.std())
+    return {"curve_rms": curve_rms, "cycles": cycles, "periodic_share": share}

@@ -83,7 +83,8 @@ def _beyond_carriers(model: Model, fit: Fit, white, effects, added, values, basi
         for carrier in carriers:
             others = _columns_without(model, fit, white, first + load, first + carrier)
             carried = clear(plain[load] - others)
-            mixing = least_squares(clear(plain[carrier]), carried, ROUNDING)
+            orthogonal = clear(plain[carrier])
+            mixing = least_squares(orthogonal, carried, ROUNDING)
             added[load] = added[load] - plain[carrier] @ mixing
             values[carrier] = values[carrier] + mixing @ values[load]
     return tuple(added), tuple(values)
@@ -93,7 +94,8 @@ def _columns_without(model: Model, fit: Fit, white, number: int, left_out: int) 
     """(N, P) whitened derivative by the parameters of one effect in a model without another; numbers from 0."""
     effects = tuple(e for i, e in enumerate(model.effects) if i != left_out)
     smaller = replace(model, effects=effects)
-    return _derivatives(smaller, fit, white, [smaller.spans[number - (number > left_out)]])[0]
+    span = smaller.spans[number - (number > left_out)]
+    return _derivatives(smaller, fit, white, [span])[0]
 
 
 def with_places(problem: Problem, model: Model, fit: Fit) -> Problem:
@@ -133,7 +135,9 @@ def with_candidates(problem: Problem, model: Model, fit: Fit, library, variants)
 
 def _rows_at(problem: Problem, model: Model, fit: Fit) -> "_Rows":
     sigma = np.broadcast_to(model.sigma(fit.parameters), fit.residual.shape)
-    return _Rows(model, model.evaluate(fit.parameters), np.sqrt(problem.weights) / sigma)
+    roots = np.sqrt(problem.weights)
+    evaluation = model.evaluate(fit.parameters)
+    return _Rows(model, evaluation, roots / sigma)
 
 
 def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
@@ -147,10 +151,13 @@ def _baseline(model: Model, fit: Fit, white) -> np.ndarray:
     table = [p for p, is_free in zip(free.table, free.mask) if is_free]
     sizes = np.array([min(p.typical, _PLAUSIBLE.get(p.unit, np.inf)) for p in table])
     residual, derivative = model.linearise(free)
-    columns = (derivative * white).reshape(len(sizes), -1).T * sizes
+    rows = (derivative * white).reshape(len(sizes), -1)
+    columns = rows.T * sizes
     is_length = np.array([p.unit == "mm" for p in table])
-    lengths = np.where(is_length, free.values[free.mask], 0.0) / sizes
-    return observable_basis(_at_fixed_scale(columns, (residual * white).ravel(), lengths))
+    length_values = np.where(is_length, free.values[free.mask], 0.0)
+    lengths = length_values / sizes
+    white_residual = (residual * white).ravel()
+    return observable_basis(_at_fixed_scale(columns, white_residual, lengths))
 
 
 def _at_fixed_scale(columns: np.ndarray, residual: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -165,11 +172,13 @@ def _at_fixed_scale(columns: np.ndarray, residual: np.ndarray, lengths: np.ndarr
     if missing @ missing > ROUNDING * (residual @ residual):
         return columns
     u, s, vt = thin_svd(columns)
-    seen = s > ROUNDING * s[:1].max(initial=0.0)
+    largest = s[:1].max(initial=0.0)
+    seen = s > ROUNDING * largest
     shrunk = vt[seen].T @ (
         u[:, seen].T @ residual / s[seen]
     )  # less the origins of frames, which are free
-    return columns - np.outer(residual, shrunk) / max(shrunk @ shrunk, 1e-300)
+    length = max(shrunk @ shrunk, 1e-300)
+    return columns - np.outer(residual, shrunk) / length
 
 
 def _given(bare: Model, fit: Fit, white) -> float:
@@ -197,8 +206,10 @@ def _derivatives(model, fit, white, spans) -> tuple[np.ndarray, ...]:
     mask = np.zeros(len(start), bool)
     for span in spans:
         mask[span] = True
-    rows = model.linearise(start.only(mask))[1] * white
-    edges = np.cumsum([span.stop - span.start for span in spans])[:-1]
+    derivative = model.linearise(start.only(mask))[1]
+    rows = derivative * white
+    widths = [span.stop - span.start for span in spans]
+    edges = np.cumsum(widths)[:-1]
     return tuple(part.reshape(len(part), -1).T for part in np.split(rows, edges))
 
 
@@ -228,7 +239,8 @@ class _Rows:
     def __call__(self, port, port_indices):
         """(k, m, E n): of each of the E arm poses that make a sample."""
         if port not in self._made:
-            derivative = self._evaluation.rows(port, np.arange(self._sizes[port]))
+            every_index = np.arange(self._sizes[port])
+            derivative = self._evaluation.rows(port, every_index)
             self._made[port] = derivative * self.white_by_end
         return self._made[port][np.asarray(port_indices)]
 
@@ -275,7 +287,10 @@ def _by_load(model: Model, fit: Fit, rows: _Rows, effect: Effect) -> np.ndarray:
     present = tuple(e for e in model.effects if (type(e), e.where) != (type(effect), effect.where))
     wider = replace(model, effects=(*present, effect))
     start = wider.parameters.take_over(fit.parameters)
-    start = start.only(np.arange(len(start)) >= wider.spans[-1].start)
+    is_new = np.arange(len(start)) >= wider.spans[-1].start
+    start = start.only(is_new)
     evaluation = wider.evaluate(start)
-    derivative = np.empty((start.mask.sum(), *evaluation.residual.shape))
-    return wider.fill_rows(evaluation, start, derivative) * rows.white_by_end
+    shape = (start.mask.sum(), *evaluation.residual.shape)
+    derivative = np.empty(shape)
+    rows_of_load = wider.fill_rows(evaluation, start, derivative)
+    return rows_of_load * rows.white_by_end

@@ -62,26 +62,32 @@ class MassResponse(Effect):
         )
 
     def basis(self, state):
-        response = responses(self.inner, state) * nearly_known(state)[:, None, None, None]
-        return response.transpose(1, 0, 2, 3).reshape(-1, *response.shape[2:])
+        unit = nearly_known(state)[:, None, None, None]
+        response = responses(self.inner, state) * unit
+        by_parameter = response.transpose(1, 0, 2, 3)
+        return by_parameter.reshape(-1, *response.shape[2:])
 
 
 def with_estimated_masses(law: Effect, state) -> ComplianceWithMasses | None:
     """The law with the mixtures of first moments that move it most in these poses; None where none does."""
     law_basis = law.basis(state)
-    response = responses(law, state) * _sizes(state)[:, None, None, None]
+    unit = _sizes(state)[:, None, None, None]
+    response = responses(law, state) * unit
     length = np.maximum((law_basis**2).sum((1, 2)), 1e-300)
-    shares = (response * law_basis).sum((2, 3)) / length
-    remaining = (response - shares[:, :, None, None] * law_basis) / np.sqrt(length)[:, None, None]
-    u, s, _ = thin_svd(remaining.reshape(len(remaining), -1))
+    products = (response * law_basis).sum((2, 3))
+    shares = products / length
+    explained = shares[:, :, None, None] * law_basis
+    root_length = np.sqrt(length)[:, None, None]
+    remaining = (response - explained) / root_length
+    flat = remaining.reshape(len(remaining), -1)
+    u, s, _ = thin_svd(flat)
     relevant = np.flatnonzero(s[:_MAX_MIXTURES] > NOTABLE_SHARE)
     if not len(relevant):
         return None
     weights = u[:, relevant].T  # (R, 3 J + 3) in units of what is likely
     mixtures = (weights * _sizes(state)).reshape(len(relevant), -1, 3)
-    return ComplianceWithMasses(
-        law.where, law.effect, mixtures.tolist(), (weights @ shares).tolist()
-    )
+    mixed_shares = (weights @ shares).tolist()
+    return ComplianceWithMasses(law.where, law.effect, mixtures.tolist(), mixed_shares)
 
 
 def std_by_masses(model, fit, weights: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -95,22 +101,27 @@ def std_by_masses(model, fit, weights: np.ndarray, covariance: np.ndarray) -> np
     out = np.zeros(len(parameters))
     if not laws:
         return out
-    wider = model.with_effects(*(MassResponse(e.where, e) for e, _ in laws))
+    mass_laws = (MassResponse(e.where, e) for e, _ in laws)
+    wider = model.with_effects(*mass_laws)
     start = wider.parameters.take_over(parameters)
     is_moment = np.arange(len(start)) >= len(parameters)
     white = np.sqrt(weights) / model.sigma(parameters)
-    changes = (wider.linearise(start.only(is_moment))[1] * white).reshape(is_moment.sum(), -1)
+    derivative = wider.linearise(start.only(is_moment))[1]
+    changes = (derivative * white).reshape(is_moment.sum(), -1)
     total, first = 0.0, 0
     for _, span in laws:
         values = parameters.values[span]
-        count = len(changes) * len(values) // sum(s.stop - s.start for _, s in laws)
-        of_law = changes[first : first + count].reshape(len(values), -1, changes.shape[1])
+        all_values = sum(s.stop - s.start for _, s in laws)
+        count = len(changes) * len(values) // all_values
+        rows = changes[first : first + count]
+        of_law = rows.reshape(len(values), -1, changes.shape[1])
         total = total + np.einsum("pmk,p->mk", of_law, values)
         first = first + count
     free = parameters.mask
     typical = parameters.typical[free]
     columns = (model.linearise(parameters)[1] * white).reshape(len(typical), -1)
-    shift = covariance @ ((columns @ total.T) * typical[:, None])
+    products = columns @ total.T
+    shift = covariance @ (products * typical[:, None])
     spread = np.sqrt((shift**2).sum(1)) * typical
     out[free] = spread
     is_law = np.zeros(len(out), bool)

@@ -33,7 +33,8 @@ def scans(chain, rows, columns, elastic: bool) -> tuple[Scan, ...]:
     rows: (port, components) -> (k, m, n) whitened derivatives of the residual; columns: effect -> (N, P) those by its
     parameters; elastic: whether the model holds a compliance.
     """
-    found = [_scan(grid, chain, rows, columns) for grid in grids(CATALOGUE, chain, elastic)]
+    all_grids = grids(CATALOGUE, chain, elastic)
+    found = [_scan(grid, chain, rows, columns) for grid in all_grids]
     return (*found, *_periodic_base(chain, rows, _FRAME))
 
 
@@ -44,7 +45,8 @@ def _scan(grid: Grid, chain, rows, columns) -> Scan:
     if effect.port in STATE_PORTS:  # its derivative is that of what deflects under the load
         rows_by_load = columns(grid.effect(grid.where), by_end=True)
         return scan_of(grid, rows_by_load.T.copy(), covariate)
-    derivatives = rows(effect.port, grid.port_indices or effect.port_indices(chain))
+    port_indices = grid.port_indices or effect.port_indices(chain)
+    derivatives = rows(effect.port, port_indices)
     if grid.factor is not None and grid.factor.ndim == 3:
         derivatives = np.einsum("rkn,kmn->rmn", grid.factor, derivatives)
     elif grid.factor is not None:
@@ -60,8 +62,10 @@ def sites(chain, rows) -> tuple[Site, ...]:
     angles = tuple(f"q{k}" for k in range(1, joints + 1) if np.ptp(covariates[f"q{k}"]) > 0)
     found = _joint_sites(chain, rows, angles, general)
     for place, loads in _loads(joints).items():
-        frame = _flat(rows("frame", chain.port_indices("frame", place)))
-        names = tuple(dict.fromkeys((*angles, *_varying(covariates, loads), *general)))
+        frame_rows = rows("frame", chain.port_indices("frame", place))
+        frame = _flat(frame_rows)
+        varying = _varying(covariates, loads)
+        names = tuple(dict.fromkeys((*angles, *varying, *general)))
         found.append(Site(place, "frame", frame, "mm and rad", _FRAME, names))
     if all(name in covariates for name in _SIGHT):
         directions = sight_directions(chain.state.measured)
@@ -80,7 +84,8 @@ def _loads(joints: int) -> dict[str, tuple[str, ...]]:
     loads = {"base": ("moment_x", "moment_y"), "tool": ("down_x", "down_y", "down_z")}
     for k in range(1, joints + 1):
         moments = tuple(f"moment{k}_{axis}" for axis in "xyz")
-        loads[f"link-{k}"] = (f"tau{k}", f"tau{min(k + 1, joints)}", *moments)
+        next_link = min(k + 1, joints)
+        loads[f"link-{k}"] = (f"tau{k}", f"tau{next_link}", *moments)
     return loads
 
 
@@ -97,10 +102,12 @@ def _joint_sites(chain, rows, angles, general) -> list[Site]:
         named = (f"tau{k}", f"move{k}", f"approach{k}")
         of_joint = tuple(c for c in named if c in covariates and np.ptp(covariates[c]) > 0)
         sides = [c for c in of_joint if Covariate.of(c).kind != "tau"]
-        with_side = [c for c in (f"q{k}", f"tau{k}") if c in (*angles, *of_joint)]
+        of_reading = (f"q{k}", f"tau{k}")
+        with_side = [c for c in of_reading if c in (*angles, *of_joint)]
         pairs = (*combinations(angles, 2), *product(with_side, sides))
         unit = "mm" if chain.slides(k) else "rad"
-        row = _flat(rows("joint", [k - 1]))
+        joint_row = rows("joint", [k - 1])
+        row = _flat(joint_row)
         typical = np.array([_TYPICAL[unit]])
         names = (*angles, *of_joint, *general)
         found.append(Site(f"joint-{k}", "joint", row, unit, typical, names, pairs))
@@ -113,7 +120,8 @@ def lengths(chain, rows) -> tuple[Site, ...]:
     for k in range(1, chain.robot.joints + 1):
         port_indices, length = link_lengths(chain.robot, k)
         if length.any():
-            row = np.einsum("k,kmn->mn", length, rows("geometry", port_indices))[None]
+            geometry = rows("geometry", port_indices)
+            row = np.einsum("k,kmn->mn", length, geometry)[None]
             found.append(Site(f"link-{k}", "geometry", _flat(row), "1", np.array([_GROWTH]), ()))
     return tuple(found)
 

@@ -37,10 +37,13 @@ def with_shared_moments(problem: Problem, chain) -> Problem:
     y = without_gravity.orthogonalise(without_gravity.residual)
     maps = [_map(law, first, chain) for law in laws]
     columns = np.stack([_typical(law) @ m for law, m in zip(laws, maps)], 1)  # (N, C, P)
-    orthogonal = without_gravity.orthogonalise(columns.reshape(len(y), -1))
-    blocks = np.ascontiguousarray(orthogonal.reshape(columns.shape).swapaxes(0, 1))
+    flat = columns.reshape(len(y), -1)
+    orthogonal = without_gravity.orthogonalise(flat)
+    by_law = orthogonal.reshape(columns.shape).swapaxes(0, 1)
+    blocks = np.ascontiguousarray(by_law)
     moments, sizes = _estimated(blocks, y)
-    cost = _cost(blocks, y, moments, sizes, max(problem.degrees, 1))
+    degrees = max(problem.degrees, 1)
+    cost = _cost(blocks, y, moments, sizes, degrees)
     known = {law.key: _directed(law, m @ moments) for law, m in zip(laws, maps)}
     candidates = tuple(known.get(c.key, c) for c in problem.candidates)
     return replace(problem, candidates=candidates, moments_cost=cost, cache={})
@@ -54,13 +57,16 @@ def _is_like_gravity(effect: Effect) -> bool:
 def _typical(law: Candidate) -> np.ndarray:
     """(N, P) columns of a law, each in its typical size, and all in that of what it is where a joint deflects."""
     _, relative = law.effects[0].compliance_prior
-    return law.columns * law.typical * (relative * TYPICAL_RAD / law.typical[0])
+    relative_size = relative * TYPICAL_RAD / law.typical[0]
+    typical_columns = law.columns * law.typical
+    return typical_columns * relative_size
 
 
 def _map(law: Candidate, first: Candidate, chain) -> np.ndarray:
     """(P, P') coefficients of a law from those of another one under the same moments, both in typical sizes."""
     sizes = first.typical / law.typical[:, None]
-    moments = law.effects[0].moments_of(first.effects[0], chain) * sizes
+    of_law = law.effects[0].moments_of(first.effects[0], chain)
+    moments = of_law * sizes
     return moments / moments[0, 0]
 
 
@@ -73,7 +79,8 @@ def _estimated(laws: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     for _ in range(MAX_ROUNDS):
         sizes = _nonpositive((laws @ moments).T, y)
         columns = np.tensordot(sizes, laws, 1)  # (N, P)
-        moments[1:] = _solved(columns[:, 1:], y - columns[:, 0])
+        remaining = y - columns[:, 0]
+        moments[1:] = _solved(columns[:, 1:], remaining)
     return moments, _nonpositive((laws @ moments).T, y)
 
 
@@ -88,26 +95,33 @@ def _cost(laws: np.ndarray, y: np.ndarray, moments, sizes, degrees: int) -> floa
     variance = float(residual @ residual) / degrees
     changes = np.tensordot(sizes, laws[:, :, 1:], 1)
     changes = changes - columns @ _solved(columns, changes)
-    values = np.maximum(symmetric_eigenvalues(changes.T @ changes / variance), 0.0)
+    curvature = changes.T @ changes / variance
+    values = np.maximum(symmetric_eigenvalues(curvature), 0.0)
     spread = SIZES[:, None] ** 2
     log_volume = np.log1p(spread * values).sum(1)
-    unlikely = (moments[1:] ** 2 / spread).sum(1)
-    return -float(marginalise_sizes(-0.5 * (log_volume + unlikely)))
+    squares = moments[1:] ** 2 / spread
+    unlikely = squares.sum(1)
+    logs = -0.5 * (log_volume + unlikely)
+    return -float(marginalise_sizes(logs))
 
 
 def _nonpositive(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients (T,) with their priors, none of them above 0."""
-    rows = np.vstack([columns, np.eye(columns.shape[1]) / UNDETERMINED_STD])
-    return -nnls(rows, np.concatenate([-y, np.zeros(columns.shape[1])]))[0]
+    priors = np.eye(columns.shape[1]) / UNDETERMINED_STD
+    rows = np.vstack([columns, priors])
+    target = np.concatenate([-y, np.zeros(columns.shape[1])])
+    return -nnls(rows, target)[0]
 
 
 def _solved(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Coefficients (T,) or (T, K) with their priors."""
-    gram = columns.T @ columns + np.eye(columns.shape[1]) / UNDETERMINED_STD**2
+    priors = np.eye(columns.shape[1]) / UNDETERMINED_STD**2
+    gram = columns.T @ columns + priors
     return solve_positive(gram, columns.T @ y)
 
 
 def _directed(law: Candidate, direction: np.ndarray) -> Candidate:
     """A law with one unknown, its first, which the others follow in proportion; direction in typical sizes."""
-    columns = (law.columns * law.typical) @ direction / law.typical[0]
+    typical_columns = law.columns * law.typical
+    columns = typical_columns @ direction / law.typical[0]
     return replace(law, columns=columns[:, None], typical=law.typical[:1])

@@ -154,7 +154,8 @@ class _Trial:
         else:
             self._linearise(bench, tuple(solved) or (*others, *tested), part)
         self.y = fitted_residual(self.problem)
-        self._basis = np.hstack(self.problem.fit_columns) @ self.problem.hat_mixing
+        basis = np.hstack(self.problem.fit_columns)
+        self._basis = basis @ self.problem.hat_mixing
         self.noise = float(self.y @ self.y) / max(self.problem.degrees, 1)
         self.own = float(self.gain(self.small, self.y))
         columns = self.columns(self.small)
@@ -218,14 +219,17 @@ class _Trial:
         residual = residual.reshape(-1, self.problem.n)
         out = np.empty((*residual.shape, len(shifts)))
         for i, part in enumerate(shifts):
-            out[:, order, i] = np.roll(residual[:, order], round(part * self.problem.n), axis=1)
-        return self._left(out.reshape(-1, len(shifts)))
+            shift = round(part * self.problem.n)
+            out[:, order, i] = np.roll(residual[:, order], shift, axis=1)
+        flat = out.reshape(-1, len(shifts))
+        return self._left(flat)
 
     def permuted_residuals(self, residual: np.ndarray, rng) -> np.ndarray:
         """(N, S) residuals (N,) exchanged between samples at random, `_SHIFTS` times."""
         residual = residual.reshape(-1, self.problem.n)
         permuted = [residual[:, rng.permutation(self.problem.n)].ravel() for _ in range(_SHIFTS)]
-        return self._left(np.stack(permuted, axis=1))
+        columns = np.stack(permuted, axis=1)
+        return self._left(columns)
 
     def best_gains(self, variants, state, y: np.ndarray) -> np.ndarray:
         """() or (S,) largest gain of any of some tuples of effects in a state, for y (N,) or (N, S)."""
@@ -237,8 +241,10 @@ class _Trial:
         rows = np.concatenate(
             [evaluation.rows(e.port, np.asarray(e.port_indices(model.chain))) for e in self.effects]
         )
-        root = np.sqrt(self.problem.weights)[self.problem.sample] / self.problem.sigma
-        return rows * np.tile(root.reshape(rows.shape[1], -1), self.problem.ends.count)
+        root_weights = np.sqrt(self.problem.weights)[self.problem.sample]
+        root = root_weights / self.problem.sigma
+        by_pose = root.reshape(rows.shape[1], -1)
+        return rows * np.tile(by_pose, self.problem.ends.count)
 
     def _left(self, columns: np.ndarray) -> np.ndarray:
         """(N,) or (N, P) what the baseline and the other effects, with their priors, do not fit of it."""
@@ -248,7 +254,8 @@ class _Trial:
         """(N, P) whitened columns."""
         if self.rows is not None:
             moved = np.einsum("pkn,kmn->pmn", small, self.rows, optimize=True)
-            small = self.problem.ends.joined(moved.reshape(len(moved), -1))
+            flat = moved.reshape(len(moved), -1)
+            small = self.problem.ends.joined(flat)
         return small.reshape(len(small), -1).T
 
     def gain(self, small, y: np.ndarray) -> np.ndarray:
@@ -258,15 +265,18 @@ class _Trial:
         y'X (X'(I - B B')X + L)^-1 X'y.
         """
         raw, projections, scores = self._moments(small, y)
-        gram = raw - projections.T @ projections + np.diag(self._precision)
-        length = np.sqrt(np.maximum(np.diagonal(gram), 0.0))
+        remaining = raw - projections.T @ projections
+        gram = remaining + np.diag(self._precision)
+        diagonal = np.maximum(np.diagonal(gram), 0.0)
+        length = np.sqrt(diagonal)
         seen = length**2 > ROUNDING * np.diagonal(raw)
         unit = 1 / length[seen]
         matrix = gram[np.ix_(seen, seen)] * np.outer(unit, unit)
         values, vectors = symmetric_eigen(matrix)
         significant = values > ROUNDING
         score = (scores[seen].T * unit).T
-        return (((vectors[:, significant].T @ score) ** 2).T / values[significant]).sum(-1)
+        coordinates = vectors[:, significant].T @ score
+        return ((coordinates**2).T / values[significant]).sum(-1)
 
     def _moments(self, small, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Inner products of the columns: (P, P), (R, P) with the basis of the others, and (P,) or (P, S) with y."""
@@ -275,7 +285,8 @@ class _Trial:
             return columns.T @ columns, self._basis.T @ columns, columns.T @ y
         of_rows, of_basis = self._sums
         flat = small.reshape(len(small), -1)
-        weighted = np.einsum("pkn,kln->pln", small, of_rows).reshape(flat.shape)
+        sums = np.einsum("pkn,kln->pln", small, of_rows)
+        weighted = sums.reshape(flat.shape)
         scores = flat @ self._sums_with(y)
         return weighted @ flat.T, (flat @ of_basis).T, scores
 
@@ -287,12 +298,14 @@ class _Trial:
         """
         if self.rows is None or self.problem.ends.count > 1 or len(self.rows) >= self.rows.shape[1]:
             return None
-        return np.einsum("kmn,lmn->kln", self.rows, self.rows), self._sums_with(self._basis)
+        by_rows = np.einsum("kmn,lmn->kln", self.rows, self.rows)
+        return by_rows, self._sums_with(self._basis)
 
     def _sums_with(self, y: np.ndarray) -> np.ndarray:
         """(K n,) or (K n, S) sums over the measured components of each sample of the rows times y (N,) or (N, S)."""
         by_sample = y.reshape(*self.rows.shape[1:], -1).swapaxes(0, 1)
-        sums = (self.rows.transpose(2, 0, 1) @ by_sample).swapaxes(0, 1)
+        by_component = self.rows.transpose(2, 0, 1)
+        sums = (by_component @ by_sample).swapaxes(0, 1)
         return sums.reshape(-1, *y.shape[1:])
 
     def share_beyond_chance(self, gain: float) -> float:
@@ -317,7 +330,8 @@ class _Trial:
         """Responses of the effects with permuted poses."""
         if self.chain is None:
             return self.small[:, :, rng.permutation(self.small.shape[2])]
-        return self.small[:, :, self.chain.columns_of(_permuted_rows(self.problem.pose, rng))]
+        rows = self.chain.columns_of(_permuted_rows(self.problem.pose, rng))
+        return self.small[:, :, rows]
 
 
 def _variants(effect: Effect, chain, max_count: int) -> list[Effect]:

@@ -54,7 +54,8 @@ def schemes(pose: np.ndarray, problem: Problem) -> list[Scheme]:
     by_order = np.argsort(problem.order, kind="stable")
     time = np.empty(problem.n, int)
     has_few_poses = len(np.unique(pose)) < _MIN_POSES_OF_FIFTHS
-    time[by_order] = blocks(pose[by_order], LEAST_FOLDS * (1 + has_few_poses))
+    count = LEAST_FOLDS * (1 + has_few_poses)
+    time[by_order] = blocks(pose[by_order], count)
     space = _workspace_folds(pose, problem)
     return [Scheme(TIME, time)] + ([] if space is None else [Scheme(SPACE, space)])
 
@@ -64,8 +65,11 @@ def _round_robin_folds(pose: np.ndarray, problem: Problem) -> np.ndarray:
     poses, group = np.unique(pose, return_inverse=True)
     board = np.zeros(len(poses), bool)  # a corner has two coordinates, a stripe one
     board[group[np.bincount(problem.sample, minlength=problem.n) > 1]] = True
-    rank = np.where(board, np.cumsum(board) - 1, np.cumsum(~board) - 1)
-    return (rank % min(LEAST_FOLDS, max(int(board.sum()), 2)))[group]
+    number_of_board = np.cumsum(board) - 1
+    number_of_stripe = np.cumsum(~board) - 1
+    rank = np.where(board, number_of_board, number_of_stripe)
+    boards = max(int(board.sum()), 2)
+    return (rank % min(LEAST_FOLDS, boards))[group]
 
 
 def _workspace_folds(pose: np.ndarray, problem: Problem) -> np.ndarray | None:
@@ -89,8 +93,11 @@ def _halves(place, rows, times) -> np.ndarray:
     """(len(rows),) block of each row."""
     if times == 0:
         return np.zeros(len(rows), int)
-    coordinate = place[int(np.argmax(place[:, rows].std(1))), rows]
-    upper = np.argsort(np.argsort(coordinate, kind="stable"), kind="stable") >= len(rows) / 2
+    widest = int(np.argmax(place[:, rows].std(1)))
+    coordinate = place[widest, rows]
+    in_order = np.argsort(coordinate, kind="stable")
+    rank = np.argsort(in_order, kind="stable")
+    upper = rank >= len(rows) / 2
     out = np.empty(len(rows), int)
     for half, first in ((~upper, 0), (upper, 2 ** (times - 1))):
         out[half] = first + _halves(place, rows[half], times - 1)
@@ -116,7 +123,8 @@ def thinned(pose: np.ndarray, samples: np.ndarray, max_samples: int = _SEARCHED)
 def _some_rows_of_each_pose(place: np.ndarray, step: int) -> np.ndarray:
     """(n,) bool: one in `step` rows, at random but always the same, of every pose; place (n,): number of the pose."""
     mixed = np.random.default_rng(0).permutation(len(place))
-    order = mixed[np.argsort(place[mixed], kind="stable")]
+    by_pose = np.argsort(place[mixed], kind="stable")
+    order = mixed[by_pose]
     keep = np.zeros(len(place), bool)
     keep[order[::step]] = True
     return keep

@@ -62,8 +62,10 @@ def rms_pair(
     else:
         unit = sigma[used]
     errors = before[used] / unit, after[used] / unit
-    squares = _loss(_scaled(*errors)) * _scale(*errors)
-    base, with_it = np.sqrt(squares.sum(1) / (unit**-2.0).sum())
+    losses = _loss(_scaled(*errors))
+    squares = losses * _scale(*errors)
+    total_weight = (unit**-2.0).sum()
+    base, with_it = np.sqrt(squares.sum(1) / total_weight)
     if with_it < base:
         return (float(base), float(with_it))
     return plain
@@ -95,7 +97,8 @@ def paired_t(
     if not used.any() or group.max() < 2:
         return 0.0
     unit = 1.0 if sigma is None else sigma[used]
-    base, with_it = _loss(_scaled(before[used] / unit, after[used] / unit))
+    scaled = _scaled(before[used] / unit, after[used] / unit)
+    base, with_it = _loss(scaled)
     falls = np.bincount(group, base - with_it)
     if sigma is not None:
         moved = np.bincount(group, _moved(base, with_it))
@@ -160,10 +163,13 @@ def clark_west_t(
         pose[used], return_index=True, return_inverse=True, return_counts=True
     )
     change = before[:, used] - after[:, used]
-    size = np.sqrt(_scaled(lengths[0][used], lengths[1][used])[0])
+    scaled = _scaled(lengths[0][used], lengths[1][used])
+    size = np.sqrt(scaled[0])
     weight = np.minimum(1.0, _LIMIT / np.maximum(size, _LIMIT))
-    score = np.bincount(group, weight * (before[:, used] * change).sum(0)) / count
-    moved = np.bincount(group, weight * (change**2).sum(0)) / count
+    projection = (before[:, used] * change).sum(0)
+    score = np.bincount(group, weight * projection) / count
+    squared_change = (change**2).sum(0)
+    moved = np.bincount(group, weight * squared_change) / count
     order = np.argsort(first)
     return _jackknife_t(score[order], moved[order], in_order=True)
 
@@ -221,7 +227,8 @@ def showing_poses(
     if not used.any():
         return 1.0
     _, group = np.unique(pose[used], return_inverse=True)
-    losses = _loss(_scaled(before[used] / sigma[used], after[used] / sigma[used]))
+    scaled = _scaled(before[used] / sigma[used], after[used] / sigma[used])
+    losses = _loss(scaled)
     moved = np.bincount(group, _moved(*losses))
     return _effective_number(moved)
 
@@ -246,14 +253,18 @@ def _serial_factor(series: np.ndarray) -> float:
     if rho * np.sqrt(count) < CRITICAL_T:
         return 1.0
     alpha = 4 * rho**2 / ((1 - rho) * (1 + rho)) ** 2
-    lags = np.arange(1, min(int(1.1447 * (alpha * count) ** (1 / 3)), count // 4) + 1)
-    correlations = np.array([series[k:] @ series[:-k] for k in lags]) / variance
-    return float(max(1.0, 1 + 2 * ((1 - lags / (len(lags) + 1)) * correlations).sum()))
+    bandwidth = 1.1447 * (alpha * count) ** (1 / 3)
+    lags = np.arange(1, min(int(bandwidth), count // 4) + 1)
+    products = np.array([series[k:] @ series[:-k] for k in lags])
+    correlations = products / variance
+    bartlett = 1 - lags / (len(lags) + 1)
+    return float(max(1.0, 1 + 2 * (bartlett * correlations).sum()))
 
 
 def _loss(z: np.ndarray) -> np.ndarray:
     """Huber's loss of squared lengths z."""
-    return np.where(z < _LIMIT**2, z, 2 * _LIMIT * np.sqrt(z) - _LIMIT**2)
+    linear = 2 * _LIMIT * np.sqrt(z) - _LIMIT**2
+    return np.where(z < _LIMIT**2, z, linear)
 
 
 def sigma_of(bench, samples: np.ndarray | None = None) -> np.ndarray | None:
@@ -284,7 +295,8 @@ class Errors:
         """(n,) errors where every fold is predicted with effects of its own."""
         rows = np.empty((_ROWS, len(fold)))
         for k, effects in chosen.items():
-            rows[:, fold == k] = self._block(effects, fold == k)
+            is_block = fold == k
+            rows[:, fold == k] = self._block(effects, is_block)
         if self.bench.chain is not None:  # a sensor has distances alone
             self._rows[rows[0].tobytes()] = rows
         return rows[0]
@@ -307,7 +319,8 @@ class Errors:
 
     def _block(self, effects, block: np.ndarray) -> np.ndarray:
         """(5, k) distances, angles (deg, nan where there are none) and components of the samples of one block (n,)."""
-        key = tuple(sorted(map(name_of, effects))), block.tobytes()
+        names = sorted(map(name_of, effects))
+        key = tuple(names), block.tobytes()
         predict = self._of_sensor if self.bench.chain is None else self._of_arm
         return cached(self._blocks, key, lambda: predict(effects, block)[:, block])
 
@@ -315,7 +328,8 @@ class Errors:
         """(5, n): px and nan."""
         folds = np.where(block, 0, -1)
         distances = self.bench.held_out(effects, folds, independent=self._independent)
-        return np.stack([distances, *np.full((_ROWS - 1, len(distances)), np.nan)])
+        unknown = np.full((_ROWS - 1, len(distances)), np.nan)
+        return np.stack([distances, *unknown])
 
     def _of_arm(self, effects, block: np.ndarray) -> np.ndarray:
         """(5, n): mm, deg and mm; nan where the others do not tell on which side of an instant a sample lies.
@@ -325,7 +339,8 @@ class Errors:
         out = np.full((_ROWS, len(block)), np.nan)
         if self._is_undetermined_without(effects, block):
             problem = self.bench.problem(effects, hypotheses=False).conditional_on()
-            rows = left_out_rows(problem, np.where(block, 0, -1), only=0)
+            folds = np.where(block, 0, -1)
+            rows = left_out_rows(problem, folds, only=0)
             out[:2] = _lengths_of(problem, rows)
             out[2:] = pad_to_position(_components_of(problem, rows))
             return self._without_ambiguous(out, effects, block)
@@ -333,7 +348,8 @@ class Errors:
         found = hold_out(model, fit.parameters, block, ~block, "huber")
         out[0], out[2:] = np.sqrt(found.squares), found.position
         if len(found.rotation):
-            out[1] = np.rad2deg(np.sqrt((found.rotation**2).sum(0)))
+            squared_rotation = (found.rotation**2).sum(0)
+            out[1] = np.rad2deg(np.sqrt(squared_rotation))
         return self._without_ambiguous(out, effects, block)
 
     def _without_ambiguous(self, rows: np.ndarray, effects, block: np.ndarray) -> np.ndarray:
@@ -345,8 +361,10 @@ class Errors:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
         part = tested_samples(self.bench)
         problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
-        rows = (block if part is None else block[part])[problem.sample]
-        return block_shares(problem, rows).max(initial=0.0) > 1 - NEGLIGIBLE_SHARE
+        samples_of_block = block if part is None else block[part]
+        rows = samples_of_block[problem.sample]
+        largest_share = block_shares(problem, rows).max(initial=0.0)
+        return largest_share > 1 - NEGLIGIBLE_SHARE
 
 
 def is_ambiguous(
@@ -360,10 +378,12 @@ def is_ambiguous(
     """
     state = bench.chain.state
     used = slice(None) if samples is None else samples
-    out = ~(np.ones(len(bench.pose), bool) & is_move_known(state.covariates, effects))[used]
+    is_known = is_move_known(state.covariates, effects)
+    out = ~(np.ones(len(bench.pose), bool) & is_known)[used]
     # of each arm pose of a sample
     times = clock(state).reshape(-1, len(bench.pose))[:, used]
-    for after in {getattr(effect, "after", None) for effect in effects} - {None}:
+    instants = {getattr(effect, "after", None) for effect in effects}
+    for after in instants - {None}:
         others = times[:, ~block]
         before = others[others <= after].max(initial=-np.inf)
         next_one = others[others > after].min(initial=np.inf)
@@ -403,7 +423,8 @@ def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
     rows = rows[position]
     order = np.argsort(sample, kind="stable")
     count = np.bincount(sample, minlength=problem.n)
-    number = np.arange(len(sample)) - np.repeat(np.cumsum(count) - count, count)
+    first = np.cumsum(count) - count
+    number = np.arange(len(sample)) - np.repeat(first, count)
     out = np.zeros((count.max(initial=1), problem.n))
     out[number, sample[order]] = rows[order]
     return out
@@ -412,8 +433,10 @@ def _components_of(problem: Problem, rows: np.ndarray) -> np.ndarray:
 def _lengths_of(problem: Problem, out: np.ndarray) -> np.ndarray:
     """(2, n) lengths of position (mm, px) and orientation (deg, nan where none is measured) of residuals (N,)."""
     if problem.rotation is None:
-        lengths = np.sqrt(np.bincount(problem.sample, out**2, minlength=problem.n))
-        return np.stack([lengths, np.full_like(lengths, np.nan)])
+        squares = np.bincount(problem.sample, out**2, minlength=problem.n)
+        lengths = np.sqrt(squares)
+        angles = np.full_like(lengths, np.nan)
+        return np.stack([lengths, angles])
     kinds = [np.where(part, out, 0.0) for part in (~problem.rotation, problem.rotation)]
     lengths = [np.sqrt(np.bincount(problem.sample, kind**2, minlength=problem.n)) for kind in kinds]
     return np.stack([lengths[0], np.rad2deg(lengths[1])])

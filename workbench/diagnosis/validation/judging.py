@@ -117,12 +117,14 @@ def require_compliances(bench, terms: Sequence[Term]) -> tuple[list[Term], list[
     also where the weight of the links deflects them by too little to be retained.
     """
     effects = [effect for term in terms for effect in term.finding.effects]
-    if any(effect.carries_load for effect in (*getattr(bench, "baseline", ()), *effects)):
+    baseline = getattr(bench, "baseline", ())
+    if any(effect.carries_load for effect in (*baseline, *effects)):
         return list(terms), []
     reason = "it acts only through a compliance, and none is retained"
     orphans = [t for t in terms if any(map(_has_no_deflection, t.finding.effects))]
     retained = [t for t in terms if not any(t is orphan for orphan in orphans)]
-    return retained, [replace(t, kept=False, reason=reason) for t in orphans]
+    refused = [replace(t, kept=False, reason=reason) for t in orphans]
+    return retained, refused
 
 
 def _has_no_deflection(effect: Effect) -> bool:
@@ -145,7 +147,8 @@ def reported_scheme(rows: Sequence[SchemeErrors]) -> SchemeErrors:
     """The scheme whose errors are shown: the first nested one that judges and improves, else the first that judges."""
     nested = [row for row in rows if row.is_nested]
     judging = [row for row in nested if row.is_judging] or nested
-    return next((row for row in judging if row.improves), judging[0])
+    improving = (row for row in judging if row.improves)
+    return next(improving, judging[0])
 
 
 def is_supported(rows: Sequence[SchemeErrors]) -> bool:
@@ -176,7 +179,8 @@ def without_others(bench, problem: Problem, indices: Sequence[int], samples) -> 
     others = [effect for i, effect in enumerate(effects) if i not in indices]
     if not any(effect.port in STATE_PORTS for effect in others):
         return problem.conditional_on(indices)
-    return bench.problem([effects[i] for i in indices], samples, hypotheses=False).conditional_on()
+    chosen = [effects[i] for i in indices]
+    return bench.problem(chosen, samples, hypotheses=False).conditional_on()
 
 
 class ConditionalGains:

@@ -41,7 +41,8 @@ def _coefficients(problem: Problem) -> np.ndarray:
         return problem.basis.T @ problem.residual
     mixing = problem.retained.hat_mixing
     score = problem.retained.added.score
-    return np.concatenate([np.zeros(problem.basis.shape[1]), mixing @ (mixing.T @ score)])
+    of_baseline = np.zeros(problem.basis.shape[1])
+    return np.concatenate([of_baseline, mixing @ (mixing.T @ score)])
 
 
 def fitted_residual(problem: Problem) -> np.ndarray:
@@ -85,9 +86,11 @@ def left_out_rows(
     for k in np.unique(fold) if only is None else (only,):
         block = _block(problem, block_of_row == k)
         inner = mixing.T @ block.gram @ mixing
-        score = mixing.T @ (block.moments - block.gram @ fitted)
+        prediction = block.gram @ fitted
+        score = mixing.T @ (block.moments - prediction)
         change, log_determinant = leave_out(inner, score)
-        errors = block.observed - block.columns @ (fitted - mixing @ change)
+        coefficients = fitted - mixing @ change
+        errors = block.observed - block.columns @ coefficients
         if scored:
             errors = np.sqrt(errors**2 + log_determinant / len(errors))
         out[block.rows] = errors
@@ -104,15 +107,18 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
     mixing = problem.hat_mixing
     block_of_row = fold[problem.sample]
     out = errors / problem.units
-    for k in np.unique(block_of_row[np.isfinite(errors).any(0)]):
+    has_errors = np.isfinite(errors).any(0)
+    for k in np.unique(block_of_row[has_errors]):
         block = _block(problem, block_of_row == k)
         matrix = mixing.T @ block.gram @ mixing
         values, vectors = symmetric_eigen(matrix)
         remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
         shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
         # of a few errors, not of all directions: the products with these take as long as the eigenvectors
-        projected = ((out[:, block.rows] @ block.columns) @ mixing) @ vectors
-        out[:, block.rows] -= ((projected * shrinkage) @ vectors.T) @ mixing.T @ block.columns.T
+        by_column = out[:, block.rows] @ block.columns
+        projected = (by_column @ mixing) @ vectors
+        change = (projected * shrinkage) @ vectors.T
+        out[:, block.rows] -= change @ mixing.T @ block.columns.T
     return out * problem.units
 
 
@@ -152,7 +158,8 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, fl
         np.linalg.cholesky((1 - NEGLIGIBLE_SHARE) * identity - inner)
     except np.linalg.LinAlgError:
         values, vectors = symmetric_eigen(inner)
-        return vectors @ (vectors.T @ score / np.maximum(1 - values, NEGLIGIBLE_SHARE)), 0.0
+        complement = np.maximum(1 - values, NEGLIGIBLE_SHARE)
+        return vectors @ (vectors.T @ score / complement), 0.0
     return np.linalg.solve(identity - inner, score), 0.0
 
 
@@ -160,5 +167,8 @@ def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, flo
     """(P,) what V^-1/2 e has more than the residual, by directions, and log det V; see `left_out_rows`."""
     values, vectors = symmetric_eigen(inner)
     complement = np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)
-    growth = (1 / np.sqrt(complement) - 1) / np.maximum(values, NEGLIGIBLE_SHARE)
-    return vectors @ (growth * (vectors.T @ score)), float(-np.log(complement).sum())
+    root_growth = 1 / np.sqrt(complement) - 1
+    growth = root_growth / np.maximum(values, NEGLIGIBLE_SHARE)
+    coordinates = vectors.T @ score
+    log_determinant = float(-np.log(complement).sum())
+    return vectors @ (growth * coordinates), log_determinant

@@ -283,7 +283,8 @@ def _search_nested(
     results = searches.results(bench, samples_of_folds(tested_schemes))
     for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
         found[i][k] = terms
-        seconds_left = (time.perf_counter() - start) / done * (len(work) - done)
+        seconds = time.perf_counter() - start
+        seconds_left = seconds / done * (len(work) - done)
         progress(
             f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
             f"about {duration(seconds_left)} left"

@@ -209,7 +209,8 @@ class _Folds:
         fold = np.where(block, 0, -1)
         rows = np.stack([left_out_rows(problem, fold, 0, scored) for problem in problems])
         if self._bench.chain is None:
-            return np.stack(nested_components(problems[0], fold, rows, scored))
+            nested = nested_components(problems[0], fold, rows, scored)
+            return np.stack(nested)
         effects = effects_of(solved.findings)
         ambiguous = block & is_ambiguous(self._bench, effects, block, self._part)
         rows[:, ambiguous[problems[0].sample]] = 0.0  # they decorrelate no others
@@ -313,7 +314,8 @@ def _name(named) -> tuple[str, str]:
 
 def effect_indices(findings) -> list[list[int]]:
     """Numbers of each finding's effects among those of all, in order."""
-    edges = np.cumsum([0, *(len(f.effects) for f in findings)])
+    counts = (len(f.effects) for f in findings)
+    edges = np.cumsum([0, *counts])
     return [list(range(a, b)) for a, b in zip(edges, edges[1:])]
 
 

@@ -83,7 +83,8 @@ def _steps_at_its_instant(chain, chosen: Effect, others: Sequence[Effect]) -> li
     known = {(effect.effect, effect.where) for effect in (chosen, *others)}
     grids = [grid for kind in _STEPS for grid in kind.grids(chain)]
     steps = [grid.effect(grid.where, chosen.after) for grid in grids]
-    return [chosen, *(step for step in steps if (step.effect, step.where) not in known)]
+    unlisted = (step for step in steps if (step.effect, step.where) not in known)
+    return [chosen, *unlisted]
 
 
 def _squares(problem: Problem) -> float:

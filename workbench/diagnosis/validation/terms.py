@@ -107,6 +107,7 @@ class Proof:
     @property
     def unexplained(self) -> tuple[float, float]:
         """Mean squared errors before and after beyond noise and uncertainty of the parameters, mm^2 or px^2; >= 0."""
-        errors = zip((self.before, self.after), self.variance_factors)
+        pairs = (self.before, self.after)
+        errors = zip(pairs, self.variance_factors)
         before, after = (max(error**2 - f * self.noise**2, 0.0) for error, f in errors)
         return before, after
