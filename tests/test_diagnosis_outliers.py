@@ -1,12 +1,15 @@
 """Outliers against heavy tails: claimed where some samples lie apart, not where the noise is merely wild."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
 from conftest import mostly_slow
-from workbench.diagnosis.noise.outliers import contaminated
+from test_diagnosis_engine import recorded
+from workbench.diagnosis.noise.outliers import contaminated, spread_in_blocks
+from workbench.explanation.answer import diagnose
 
 CLEAR = np.log(20)
 
@@ -66,3 +69,32 @@ def test_scale_of_the_residuals_says_nothing():
     other, same = contaminated(1e-3 * white)
     assert other == pytest.approx(factor)
     np.testing.assert_allclose(same, each, atol=1e-9)
+
+
+@pytest.mark.parametrize("tails", [2.0, 50.0])
+def test_noise_that_is_larger_for_a_while_is_distinguished_from_heavy_tails(tails):
+    rng = np.random.default_rng(int(tails))
+    order, pose = np.arange(150.0), np.arange(150) // 3
+    calm = [(rng.standard_t(tails, (3, 150)) ** 2).sum(0) for _ in range(200)]
+    chance = [spread_in_blocks(squares, order, pose) for squares in calm]
+    assert min(chance) > 1e-3 and np.mean(np.array(chance) < 0.05) < 0.09
+    together = [squares * rng.exponential(size=50)[pose] for squares in calm]
+    assert min(spread_in_blocks(squares, order, pose) for squares in together) > 1e-4
+    burst = 4.0 * ((order >= 60) & (order < 90)) + 1.0
+    found = [spread_in_blocks(squares * burst**2, order, np.arange(150)) for squares in calm]
+    assert np.mean(np.array(found) < 1e-3) > 0.9
+
+
+def test_a_burst_of_noise_is_a_finding_on_the_noise():
+    recording = recorded(17, n=150)
+    rng = np.random.default_rng(3)
+    noisy = ((np.arange(150) >= 60) & (np.arange(150) < 90)) * 0.1
+    columns = {
+        name: recording.columns[name] + noisy * rng.normal(size=150)
+        for name in ("x_mm", "y_mm", "z_mm")
+    }
+    made = diagnose(replace(recording, columns={**recording.columns, **columns}))
+    names = {term.finding.effect for term in made.terms if term.kept}
+    assert "noise-heteroscedastic" in names and "noise-heavy-tailed" not in names
+    said = " ".join(term.statement for term in made.terms)
+    assert "its spread goes with time" in said

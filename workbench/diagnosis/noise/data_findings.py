@@ -10,7 +10,12 @@ from workbench.core.effect import Effect
 from workbench.core.vocabulary import Covariate
 from workbench.diagnosis.levels import CONFIDENCE, DATA_FAULT_LEVEL, RARE_PRIOR
 from workbench.diagnosis.linear.problem import Finding, Problem
-from workbench.diagnosis.noise.outliers import contaminated, spread_along, spread_with
+from workbench.diagnosis.noise.outliers import (
+    contaminated,
+    spread_along,
+    spread_in_blocks,
+    spread_with,
+)
 
 
 def find_data_faults(
@@ -18,9 +23,11 @@ def find_data_faults(
 ) -> tuple[np.ndarray, tuple[Finding, ...]]:
     """(n,) bool of the outliers, and findings on the data: a spread that is not the same everywhere, and outliers.
 
+    A spread that changes with the time and back again is a finding only: no weights follow from it.
+
     effects: of the model. Samples that they cannot predict, see `is_move_known`, are no outliers.
     """
-    spread = _spread(problem)
+    spread = _spread(problem) or _bursts(problem)
     factor, outlier_probability = _outlying(problem, spread[0].depends_on[0] if spread else "")
     found = (outlier_probability > 0.5) & is_move_known(problem.covariates, effects)
     # by Markov's inequality chance makes such a factor less than once in twenty times
@@ -112,4 +119,22 @@ def _spread(problem: Problem) -> tuple[Finding, ...]:
     if found is None or found[1] > DATA_FAULT_LEVEL:
         return ()
     name, p = found
-    return (Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,)),)
+    return (_noise_with(name, p),)
+
+
+def _bursts(problem: Problem) -> tuple[Finding, ...]:
+    """Noise that is larger during a part of the recording, where that is beyond chance."""
+    if len(problem.residual) % problem.n:
+        return ()
+    p = spread_in_blocks(_squared_lengths(problem), problem.order, problem.pose)
+    return (_noise_with("time", p),) if p <= DATA_FAULT_LEVEL else ()
+
+
+def _squared_lengths(problem: Problem) -> np.ndarray:
+    """(n,) squared lengths of the residuals of samples with equally many coordinates, without the robust weights."""
+    return (_unweighted(problem).reshape(-1, problem.n) ** 2).sum(0)
+
+
+def _noise_with(name: str, p: float) -> Finding:
+    """The finding that the spread of the noise goes with a covariate."""
+    return Finding(NoiseLaw.effect, "noise", f"with {name}", (), p, 1.0 - p, 0.0, 0.0, (name,))

@@ -98,6 +98,32 @@ def spread_with(
     return name, float(min(1.0, p * len(scores)))
 
 
+def spread_in_blocks(squares: np.ndarray, order: np.ndarray, pose: np.ndarray) -> float:
+    """p-value that squared lengths (n,) of residuals are as large in all of eight blocks of their order (n,).
+
+    By ranks, which no tail of the noise changes (Kruskal & Wallis, J. Am. Stat. Assoc. 47 (1952) 583). Samples of one
+    pose (n,) may err together, and count as one.
+    """
+    _, group = np.unique(pose, return_inverse=True)
+    count = np.bincount(group)
+    mean, position = (np.bincount(group, x) / count for x in (squares, order))
+    n = len(count)
+    if n < 2 * _LEVELS:
+        return 1.0
+    block = np.argsort(np.argsort(position, kind="stable")) * _LEVELS // n
+    return _kruskal_wallis(mean, block)
+
+
+def _kruskal_wallis(values: np.ndarray, block: np.ndarray) -> float:
+    """p-value that values (n,) of all blocks (n,) have one distribution."""
+    n = len(values)
+    rank = np.argsort(np.argsort(values)) + 1.0
+    size = np.bincount(block)
+    sums = np.bincount(block, rank)
+    statistic = 12 / (n * (n + 1)) * (sums**2 / size).sum() - 3 * (n + 1)
+    return float(chi2.sf(statistic, len(size) - 1))
+
+
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 """Of freedom of Student's noises, from Cauchy's to one that no sample tells from a Gaussian."""
 _SCALES = np.geomspace(0.75, 1.35, 13)
