@@ -19,7 +19,7 @@ _MOST_POSES = 600  # of more, as many one after another
 _LARGEST = (
     0.9  # beyond which correlated noise is a random walk and not distinguishable from a drift
 )
-_GRID = (*np.linspace(0.0, 0.9, 10), 0.95, 0.98, 0.99)
+_GRID = (*np.linspace(0.0, _LARGEST, 10), 0.95, 0.98, 0.99)
 """Correlations that are compared with a term: up to that of a random walk, which is no step either."""
 
 

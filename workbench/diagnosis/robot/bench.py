@@ -19,7 +19,7 @@ from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
+from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
 from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.outliers import robust_weights
@@ -60,7 +60,6 @@ _NO_SIGHT_LINES = (
     "The origin of the measured points is among the points or at the robot, so that the place of the instrument is not "
     "known: errors of its angle encoders are not tested. To test them, record the points in the instrument's own frame."
 )
-_ROUNDING = 1e-9  # of the largest torque or moment
 _LEAST_POSES = 4
 """Distinct poses without which base and tool are not determined."""
 _FEW_STEPS, _STEPS = 6, 50
@@ -157,7 +156,7 @@ def with_derived(chain: RobotChain, pose: np.ndarray) -> State:
 def _without_rounding(vectors: np.ndarray) -> np.ndarray:
     """(..., n) the same with 0 for components that vary by rounding alone: nothing depends on such a covariate."""
     size = np.ptp(vectors, axis=-1, keepdims=True)
-    return np.where(size > _ROUNDING * np.abs(vectors).max(initial=0.0), vectors, 0.0)
+    return np.where(size > ROUNDING * np.abs(vectors).max(initial=0.0), vectors, 0.0)
 
 
 class SlicedBases(dict):

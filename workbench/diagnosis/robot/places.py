@@ -18,6 +18,7 @@ from workbench.diagnosis.robot.library import grids, scan_of
 _TYPICAL = {"rad": 3e-4, "mm": 0.05}
 """Sizes of a disturbance before measuring: a shift, and the angle that moves a point 0.17 m away by as much."""
 _FRAME = np.repeat([_TYPICAL["mm"], _TYPICAL["rad"]], 3)
+"""Of the six components of a frame: its origin, and its rotation."""
 _GROWTH = 1e-4
 """Growth of a link as a share of its length: that of steel by ten kelvin."""
 # covariates that belong to one place, or stand here under another name

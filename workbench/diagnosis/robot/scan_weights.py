@@ -18,6 +18,7 @@ from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
 
 _RATIOS = np.append(0.0, np.geomspace(1e-2, 1e6, 60))
+"""Variances of the arm's poses over that of points that are tried: none, and steps of a third over all magnitudes."""
 _AKAIKE = 2.0
 """Fall of minus twice the log likelihood that one more parameter has to gain (Akaike's criterion)."""
 

@@ -41,7 +41,8 @@ class Predicted:
             rows[..., of_group].reshape(len(rows), -1) / sigma
             for rows in (self.by_shared, self.by_own)
         )
-        return self.residual[:, of_group].ravel() / sigma, by_shared.T, by_own.T
+        residual = self.residual[:, of_group].ravel() / sigma
+        return residual, by_shared.T, by_own.T
 
 
 def scored_errors(kinds: Sequence[Predicted], covariance: np.ndarray) -> list[np.ndarray]:
@@ -53,13 +54,16 @@ def scored_errors(kinds: Sequence[Predicted], covariance: np.ndarray) -> list[np
     scored = [np.zeros_like(kind.residual) for kind in kinds]
     for group in np.unique(kinds[0].group):
         whitened = [kind.whitened(group) for kind in kinds]
-        white, log_determinant = independent_errors(*_errors_and_factor(whitened, root))
+        residual_and_factor = _errors_and_factor(whitened, root)
+        white, log_determinant = independent_errors(*residual_and_factor)
         # in equal parts, so that a sum over samples is the score of their group
         size = np.sqrt(white**2 + log_determinant / max(len(white), 1))
-        edges = np.cumsum([len(residual) for residual, _, _ in whitened])[:-1]
+        counts = [len(residual) for residual, _, _ in whitened]
+        edges = np.cumsum(counts)[:-1]
         for kind, errors, part in zip(kinds, scored, np.split(size, edges)):
             of_group = kind.group == group
-            errors[:, of_group] = part.reshape(len(errors), -1) * kind.sigma[:, of_group]
+            by_component = part.reshape(len(errors), -1)
+            errors[:, of_group] = by_component * kind.sigma[:, of_group]
     return scored
 
 
@@ -68,7 +72,8 @@ def independent_errors(white: np.ndarray, factor: np.ndarray) -> tuple[np.ndarra
     sides, spread, _ = np.linalg.svd(factor, full_matrices=False)
     lost = 1 - 1 / np.sqrt(1 + spread**2)
     log_determinant = float(np.log1p(spread**2).sum())
-    return white - sides @ (lost * (sides.T @ white)), log_determinant
+    decorrelated = white - sides @ (lost * (sides.T @ white))
+    return decorrelated, log_determinant
 
 
 def _errors_and_factor(kinds, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -80,19 +85,24 @@ def _errors_and_factor(kinds, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     residual, by_shared, by_own = kinds[0]
     inverse = inverse_positive(by_own.T @ by_own)
     response = inverse @ by_own.T @ by_shared  # of the pose to the shared unknowns
-    scale = float(residual @ residual) / max(len(residual) - by_own.shape[1], 1)
+    degrees = max(len(residual) - by_own.shape[1], 1)
+    scale = float(residual @ residual) / degrees
     pose = _root(inverse * max(scale, 1.0))
     factors = [
         np.hstack([(by_shared - by_own @ response) @ root, np.zeros((len(residual), len(pose)))])
     ]
     for _, shared, of_pose in kinds[1:]:
-        factors.append(np.hstack([(shared - of_pose @ response) @ root, of_pose @ pose]))
-    return np.concatenate([errors for errors, _, _ in kinds]), np.concatenate(factors)
+        of_shared = (shared - of_pose @ response) @ root
+        factors.append(np.hstack([of_shared, of_pose @ pose]))
+    all_errors = np.concatenate([errors for errors, _, _ in kinds])
+    return all_errors, np.concatenate(factors)
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
     """(D, D) R with R R' = covariance."""
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     unit = np.where(size > 0, size, 1.0)
-    values, directions = np.linalg.eigh(covariance / np.outer(unit, unit))
-    return unit[:, None] * directions * np.sqrt(np.maximum(values, 0.0))
+    correlation = covariance / np.outer(unit, unit)
+    values, directions = np.linalg.eigh(correlation)
+    root_values = np.sqrt(np.maximum(values, 0.0))
+    return unit[:, None] * directions * root_values

@@ -31,6 +31,7 @@ from workbench.diagnosis.scanner.sensor_linear import Linear, acts
 from workbench.jobs.sensor.chains import Chains, at_solution
 
 _FEWEST_POSES = 4
+"""Images below which a variance between images has two degrees of freedom or fewer."""
 LABEL = "random from image to image"
 
 
@@ -80,7 +81,8 @@ class RandomFocalLength:
             by_focal = by_focal_length(chain.camera, evaluation)[0]
             if name == "board_stripes":
                 place = chain.poses[chain.labels["placement"], :3].T
-                by_focal = by_focal + (evaluation.family_rows("placement")[:3, 0] * place).sum(0)
+                rows = evaluation.family_rows("placement")[:3, 0]
+                by_focal = by_focal + (rows * place).sum(0)
             moved.append(self.scatter.share * np.abs(by_focal))
         return np.concatenate(moved)
 
@@ -134,9 +136,12 @@ def find_random_focal_length(bench) -> RandomFocalLength | None:
 def _law_gains(problem, residual: np.ndarray) -> Iterator[float]:
     """Fall of the sum of squares by each candidate, less what Schwarz' criterion takes for its parameters."""
     for candidate in problem.candidates:
-        basis = np.linalg.qr(problem.orthogonalise(candidate.columns * candidate.typical))[0]
-        gain = float(((basis.T @ residual) ** 2).sum())
-        yield gain - candidate.columns.shape[1] * np.log(len(residual))
+        typical_columns = candidate.columns * candidate.typical
+        basis = np.linalg.qr(problem.orthogonalise(typical_columns))[0]
+        coordinates = basis.T @ residual
+        gain = float((coordinates**2).sum())
+        penalty = candidate.columns.shape[1] * np.log(len(residual))
+        yield gain - penalty
 
 
 def _likeliest_share(score: np.ndarray, size: np.ndarray) -> tuple[float, float]:
@@ -146,14 +151,18 @@ def _likeliest_share(score: np.ndarray, size: np.ndarray) -> tuple[float, float]
     """
 
     def deviance(log_share):
-        variance = 1 + (size * np.exp(log_share)) ** 2
+        spread = size * np.exp(log_share)
+        variance = 1 + spread**2
         return float((np.log(variance) + score**2 / variance).sum())
 
     widest = float(np.abs(score / size).max())
     bounds = np.log(NEGLIGIBLE_SHARE * widest), np.log(10 * widest)
-    share = float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
-    information = 0.5 * float(((share**2 + size**-2.0) ** -2).sum())
-    share_std = 0.5 / (share * float(np.sqrt(information)))
+    best = minimize_scalar(deviance, bounds=bounds, method="bounded")
+    share = float(np.exp(best.x))
+    variances = share**2 + size**-2.0
+    information = 0.5 * float((variances**-2).sum())
+    root_information = float(np.sqrt(information))
+    share_std = 0.5 / (share * root_information)
     return share, share_std
 
 

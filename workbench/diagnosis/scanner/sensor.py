@@ -183,9 +183,8 @@ class SensorBench(Bench):
         """Poses and balls alone, with everything else as `known`."""
         start = self._table(chains, effects).take_over(known)
         families = {name: family for name, family in families_of(chains).items() if name != "step"}
-        return solve_bundle(
-            models(chains, effects), start.only(np.zeros(len(start), bool)), families, loss="huber"
-        )
+        all_fixed = start.only(np.zeros(len(start), bool))
+        return solve_bundle(models(chains, effects), all_fixed, families, loss="huber")
 
     def held_out(
         self, effects: Sequence[Effect], folds: np.ndarray, independent: bool = False
@@ -214,7 +213,8 @@ class SensorBench(Bench):
             out = folds == fold
             touched = np.isin(self.pose, self.pose[out])
             _, fit = self.solve(effects, ~out)
-            chains = _select_samples(_with_planes(self.chains, fit), touched)
+            chains_of_fit = _with_planes(self.chains, fit)
+            chains = _select_samples(chains_of_fit, touched)
             residuals = self._held_by_corners(chains, effects, fit, independent)
             found = np.concatenate([measure(residual) for residual in residuals])
             error[touched & out] = found[out[touched]]
@@ -244,10 +244,12 @@ class SensorBench(Bench):
         of_parts = [len(chain.sigma) for chain in self.chains.parts.values()]
         components = np.repeat(of_parts, self.chains.counts)
         weight = self.sigma[inliers] ** -2.0
-        shared = float(weight @ self.shared_px[inliers] ** 2)
+        squared_shared = self.shared_px[inliers] ** 2
+        shared = float(weight @ squared_shared)
         source = ["neighbouring points"]
         source += ["jitter"] * bool(self.jitter_px) + ["focal lengths"] * (self.focal is not None)
-        noise = float(np.sqrt((components[inliers].sum() + shared) / weight.sum()))
+        squares = components[inliers].sum() + shared
+        noise = float(np.sqrt(squares / weight.sum()))
         return noise, f"from {' and '.join(source)}"
 
     def ball_centres(self, effects: Sequence[Effect] = ()) -> np.ndarray | None:
@@ -280,7 +282,8 @@ class SensorBench(Bench):
         shifts = self._shifts(effects, samples, fit.parameters, options or {})
         rows = []
         for effect in effects:
-            for p in effect.parameters(host(part_models, effect).chain):
+            chain = host(part_models, effect).chain
+            for p in effect.parameters(chain):
                 value = fit.parameters[p.key]
                 size = _rms_of(part_models, fit, p.key) * abs(value)
                 known = fit.std.get(p.key, float("nan"))
@@ -300,7 +303,8 @@ class SensorBench(Bench):
             part_models = models(chains, tuple(changed))
             for before, after in zip(effects, changed):
                 chain = host(part_models, after).chain
-                for p, other in zip(before.parameters(chain), after.parameters(chain)):
+                pairs = zip(before.parameters(chain), after.parameters(chain))
+                for p, other in pairs:
                     move = fit.parameters[other.key] - known[p.key]
                     squares[p.key] = squares.get(p.key, 0.0) + move**2
         return {key: float(np.sqrt(square)) for key, square in squares.items()}
@@ -317,7 +321,8 @@ class SensorBench(Bench):
     def typical(self, effect: Effect) -> np.ndarray:
         """(P,) what sizes an effect's parameters have before measuring, in their own units."""
         chain = next(chain for name, chain in self.chains.parts.items() if acts(effect, name))
-        return np.array([p.typical for p in effect.parameters(chain)])
+        sizes = [p.typical for p in effect.parameters(chain)]
+        return np.array(sizes)
 
     def smooth(self, site: Site, names: tuple[str, ...]) -> Effect:
         effect = super().smooth(site, names)
@@ -342,7 +347,8 @@ def _nearest(solved: Mapping, named: frozenset) -> BundleFit | None:
 def _poses(chains: Chains) -> np.ndarray:
     labels = [chain.labels["placement"] for part, chain in chains.parts.items() if part != "balls"]
     if chains.balls is not None:
-        labels.append(chains.balls.labels["ball"] + len(chains.corners.poses))
+        balls = chains.balls.labels["ball"] + len(chains.corners.poses)
+        labels.append(balls)
     return np.concatenate(labels)
 
 
@@ -424,9 +430,8 @@ def _predicted(name: str, model: Model, fit: BundleFit) -> Predicted:
             by_shared[place, :, np.arange(residual.shape[1])] = row.T
     family = "ball" if name == "balls" else "placement"
     sigma = np.broadcast_to(model.chain.sigma, residual.shape)
-    return Predicted(
-        residual, sigma, by_shared, evaluation.family_rows(family), model.chain.labels[family]
-    )
+    rows_of_family = evaluation.family_rows(family)
+    return Predicted(residual, sigma, by_shared, rows_of_family, model.chain.labels[family])
 
 
 def _lengths(residual: np.ndarray) -> np.ndarray:
@@ -444,6 +449,7 @@ def _rms_of(part_models, fit, key) -> float:
         count += model.chain.pixels.shape[1] * len(model.chain.sigma)
         if key in model.parameters.index:
             table = _at_fit(model, fit)
-            rows = model.linearise(table.only(np.array([k == key for k in table.keys])))[1]
+            is_key = np.array([k == key for k in table.keys])
+            rows = model.linearise(table.only(is_key))[1]
             squares += float((rows**2).sum())
     return float(np.sqrt(squares / max(count, 1)))

@@ -239,7 +239,7 @@ def _covariates(tested: list[Candidate], terms: list[Candidate]) -> dict[str, np
 def _remaining_errors(data: SurfaceData, columns: np.ndarray) -> tuple[SharedErrors | None, float]:
     """Errors that points of a pose share next to a fit of columns (n, k), and the noise (mm) of points and poses."""
     white = data.whitened(columns)
-    target = data.whitened(data.residual[:, None])[:, 0]
+    target = data.whitened_residual()
     solution = np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
     remaining = data.residual - columns @ solution
     without_shifts = without_pose_shifts(remaining, data.normal, data.pose)
@@ -255,19 +255,23 @@ def _shared_errors(data: SurfaceData, remaining: np.ndarray) -> SharedErrors | N
     few points far off do not decide. The fit of a shift to every pose makes -basis_i . basis_j of it.
     """
     basis = shift_basis(data.normal, data.pose)
-    scores = ndtri((np.argsort(np.argsort(remaining)) + 0.5) / len(remaining))
+    rank = np.argsort(np.argsort(remaining))
+    scores = ndtri((rank + 0.5) / len(remaining))
     found = None
     for share in _DISTANCES:
         first, second = pairs_at(data, share).T
         if len(first) < LEAST_NUMBER:
             continue
-        products = scores[first] * scores[second] + (basis[first] * basis[second]).sum(1)
+        shared_shift = (basis[first] * basis[second]).sum(1)
+        products = scores[first] * scores[second] + shared_shift
         correlation = float(products.mean())
-        p_value = 2 * len(_DISTANCES) * float(norm.sf(abs(correlation) * np.sqrt(len(first))))
+        statistic = abs(correlation) * np.sqrt(len(first))
+        p_value = 2 * len(_DISTANCES) * float(norm.sf(statistic))
         is_notable = p_value < DATA_FAULT_LEVEL and correlation**2 > NOTABLE_SHARE**2
         if is_notable and (found is None or abs(correlation) > abs(found.correlation)):
             size = float(np.sqrt(abs(correlation) * np.mean(remaining**2)))
-            distances = np.linalg.norm(data.local[:, first] - data.local[:, second], axis=0)
+            differences = data.local[:, first] - data.local[:, second]
+            distances = np.linalg.norm(differences, axis=0)
             found = SharedErrors(size, correlation, float(np.median(distances)))
     return found
 

@@ -21,6 +21,7 @@ from workbench.diagnosis.scanner.surface_problem import SurfaceData
 
 UNKNOWN = "unknown"
 _DRIFT_DEGREES = (1, 3)
+"""Of the polynomials of a drift: a constant rate, and a rate that varies."""
 _DEGREES = (1, 2, 3, 5)
 """Of the polynomials of an alternative."""
 _COSINES = (8, 12, 20, 32)
@@ -68,7 +69,8 @@ def candidates(recording: Recording, data: SurfaceData, is_profile: bool) -> lis
         found += _of_ball(data, state)
     recorded_columns = dict(_recorded(recording, data))
     for name, values in recorded_columns.items():
-        column = (data.displacement_derivative(2) * (values - values.mean()))[:, None]
+        derivative = data.displacement_derivative(2)
+        column = (derivative * (values - values.mean()))[:, None]
         description = (recorded.RecordedColumn.effect, "sensor", f"z errs with {name}")
         found.append(Candidate(*description, ("slope",), ("mm/unit",), column, (name,), values))
     return found + list(_smooth(data, covariates | recorded_columns, is_profile))
@@ -106,7 +108,8 @@ class _State:
         frames = SimpleNamespace(link=[axes])
         ball = np.ones(len(data.pose), int)
         gravity = np.array([0.0, 0.0, -1.0])
-        return cls(local, rays, normals, local[:2] / size, ball, frames, gravity, {"time_s": clock})
+        field = local[:2] / size
+        return cls(local, rays, normals, field, ball, frames, gravity, {"time_s": clock})
 
     @property
     def n(self) -> int:
@@ -115,7 +118,8 @@ class _State:
     @property
     def incidence(self) -> np.ndarray:
         """(n,) rad."""
-        return np.arccos(np.clip(np.abs((self.rays * self.normals).sum(0)), 0, 1))
+        cosine = np.abs((self.rays * self.normals).sum(0))
+        return np.arccos(np.clip(cosine, 0, 1))
 
 
 def _candidate(
@@ -170,7 +174,9 @@ def _of_axes(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
 def _linear(data: SurfaceData, axis: str, covariate: str, *description: str) -> Candidate:
     """One axis errs in proportion to a coordinate; description: label, name and unit of the parameter."""
     values = data.local[AXES.index(covariate)]
-    column = data.displacement_derivative(AXES.index(axis)) * (values - np.median(values))
+    deviation = values - np.median(values)
+    derivative = data.displacement_derivative(AXES.index(axis))
+    column = derivative * deviation
     label, name, unit = description
     kind = (surface.FieldBias.effect, "sensor", label)
     return Candidate(*kind, (name,), (unit,), column[:, None], (covariate,), values)
@@ -192,7 +198,8 @@ def _of_ball(data: SurfaceData, state: _State) -> Iterator[Candidate]:
 
 def _of_poses(data: SurfaceData, state: _State) -> Iterator[Candidate]:
     """Motions of the whole sensor, under gravity and with time: a point is computed where it would be without them."""
-    in_flange = np.einsum("nji,nj->in", data.flange[data.pose, :3, :3], data.normal)
+    rotation = data.flange[data.pose, :3, :3]
+    in_flange = np.einsum("nji,nj->in", rotation, data.normal)
     deflection = ToolDeflection("tool")
     yield _candidate(deflection, "sag under its own weight", state, -in_flange, ("attitude",))
     time = state.covariates["time_s"]
@@ -241,7 +248,8 @@ def _bases(values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
             yield f"a polynomial of degree {degree}", legvander(unit, degree)[:, 1:]
     for terms in _COSINES:
         if terms <= max_degree:
-            phase = np.pi / 2 * (unit + 1)[:, None] * np.arange(1, terms + 1)
+            half_turns = np.pi / 2 * (unit + 1)[:, None]
+            phase = half_turns * np.arange(1, terms + 1)
             yield f"a cosine series of {terms} terms", np.cos(phase)
 
 

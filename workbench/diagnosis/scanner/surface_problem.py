@@ -24,6 +24,7 @@ _STEPS = 5
 _MOST_POINTS = 20_000
 """Points that are used at most, thinned evenly: their number determines the effects far better than the poses do."""
 _OUTLIER_SIGMAS = 6.0
+"""Robust standard deviations beyond which a point is not of the surface: two in a billion Gaussian ones are."""
 LEAST_NOISE = 1e-6
 """mm, of a point: rounding."""
 _LEAST_ERROR = 1e-4
@@ -54,13 +55,19 @@ class SurfaceData:
         for k in np.unique(self.pose):
             of_pose = self.pose == k
             basis, size, _ = np.linalg.svd(self.normal[of_pose], full_matrices=False)
-            shrink = 1 - 1 / np.sqrt(1 + (self.pose_error * size / self.noise) ** 2)
-            white[of_pose] -= basis @ (shrink[:, None] * (basis.T @ white[of_pose]))
+            relative_size = self.pose_error * size / self.noise
+            shrink = 1 - 1 / np.sqrt(1 + relative_size**2)
+            coordinates = basis.T @ white[of_pose]
+            white[of_pose] -= basis @ (shrink[:, None] * coordinates)
         return white / self.noise
 
     def displacement_derivative(self, axis: int) -> np.ndarray:
         """(n,) fall of the distance for a point that is displaced by one unit along an axis of the sensor frame."""
         return np.einsum("ni,ni->n", self.normal, self.sensor[self.pose][:, :3, axis])
+
+    def whitened_residual(self) -> np.ndarray:
+        """(n,) residual, whitened as the columns are."""
+        return self.whitened(self.residual[:, None])[:, 0]
 
     def held_out(self, columns: np.ndarray) -> np.ndarray:
         """(n,) mm, signed distances of the points of held-out poses from the ball.
@@ -68,13 +75,14 @@ class SurfaceData:
         columns (n, k): of the baseline and of effects; every fifth pose is left out together.
         """
         white = self.whitened(columns)
-        target = self.whitened(self.residual[:, None])[:, 0]
+        target = self.whitened_residual()
         fold = self.pose % LEAST_FOLDS
         errors = np.empty_like(self.residual)
         for k in range(LEAST_FOLDS):
             train, test = fold != k, fold == k
             solution = np.linalg.lstsq(white[train], target[train], rcond=ROUNDING)[0]
-            errors[test] = self.residual[test] - columns[test] @ solution
+            predicted = columns[test] @ solution
+            errors[test] = self.residual[test] - predicted
         return errors
 
 
@@ -83,15 +91,17 @@ def linearised(recording: Recording, found: HandEye) -> SurfaceData:
     pose = np.unique(recording.poses, return_inverse=True)[1]
     first = np.unique(pose, return_index=True)[1]
     flange = flange_poses(recording)[first]
-    rows = np.arange(0, recording.n, 1 + recording.n // _MOST_POINTS)
+    stride = 1 + recording.n // _MOST_POINTS
+    rows = np.arange(0, recording.n, stride)
     error = max(found.robot_sigma.get("position_mm", 0.0), _LEAST_ERROR)
     mount = found.sensor.copy()
     centre = found.centre.copy()
     for _ in range(_STEPS):
         solution = (mount, centre, found.radius)
-        data = _linearise(recording.points.T[:, rows], pose[rows], rows, flange, solution, error)
+        points = recording.points.T[:, rows]
+        data = _linearise(points, pose[rows], rows, flange, solution, error)
         white = data.whitened(data.baseline)
-        target = data.whitened(data.residual[:, None])[:, 0]
+        target = data.whitened_residual()
         step = -np.linalg.lstsq(white, target, rcond=ROUNDING)[0]
         mount[:3, :3] = rotation_matrix(step[3:6]) @ mount[:3, :3]
         mount[:3, 3] += step[:3]
@@ -103,19 +113,22 @@ def _linearise(local, pose, rows, flange, solution, error) -> SurfaceData:
     """The problem at a hand-eye transform, centre and radius."""
     mount, centre, radius = solution
     sensor = flange @ mount
-    points = np.einsum("nij,jn->ni", sensor[pose, :3, :3], local) + sensor[pose, :3, 3]
+    rotation = sensor[pose, :3, :3]
+    points = np.einsum("nij,jn->ni", rotation, local) + sensor[pose, :3, 3]
     radial = points - centre
     distance = np.linalg.norm(radial, axis=1)
     normal = radial / distance[:, None]
     residual = distance - radius
-    in_flange = np.einsum("nji,nj->ni", flange[pose, :3, :3], normal)
+    flange_rotation = flange[pose, :3, :3]
+    in_flange = np.einsum("nji,nj->ni", flange_rotation, normal)
     arm = local.T @ mount[:3, :3].T
     by_rotation = np.einsum("ni,nij->nj", in_flange, -skew(arm))
     baseline = np.concatenate([in_flange, by_rotation, -normal], axis=1)
     without_shifts = without_pose_shifts(residual, normal, pose)
     noise = max(robust_spread(without_shifts), LEAST_NOISE)
     spread = max(noise, robust_spread(residual))
-    inliers = np.abs(residual - np.median(residual)) < _OUTLIER_SIGMAS * spread
+    deviation = np.abs(residual - np.median(residual))
+    inliers = deviation < _OUTLIER_SIGMAS * spread
     arrays = (residual[inliers], normal[inliers], pose[inliers], baseline[inliers])
     return SurfaceData(*arrays, noise, error, local[:, inliers], flange, sensor, rows[inliers])
 
@@ -131,19 +144,24 @@ def linearised_centres(recording: Recording, found: HandEye) -> SurfaceData:
     flange = flange_poses(recording)[first]
     sensor = flange @ found.sensor
     local = recording.points.T
-    points = np.einsum("nij,jn->ni", sensor[pose, :3, :3], local) + sensor[pose, :3, 3]
+    rotation = sensor[pose, :3, :3]
+    points = np.einsum("nij,jn->ni", rotation, local) + sensor[pose, :3, 3]
     count = np.bincount(ball)
     means = np.stack([np.bincount(ball, column) / count for column in points.T], axis=1)
     # each row is repeated for x, y and z of the base
     axes = np.tile(np.eye(3), (len(pose), 1))
     rows = np.repeat(np.arange(len(pose)), 3)
-    in_flange = np.einsum("nji,nj->ni", flange[pose[rows], :3, :3], axes)
+    flange_rotation = flange[pose[rows], :3, :3]
+    in_flange = np.einsum("nji,nj->ni", flange_rotation, axes)
     arm = (local.T @ found.sensor[:3, :3].T)[rows]
     by_rotation = np.einsum("ni,nij->nj", in_flange, -skew(arm))
-    of_ball = -axes[:, None] * (ball[rows, None] == np.arange(len(count)))[:, :, None]
-    baseline = np.concatenate([in_flange, by_rotation, of_ball.reshape(len(rows), -1)], axis=1)
+    is_of_ball = ball[rows, None] == np.arange(len(count))
+    of_ball = -axes[:, None] * is_of_ball[:, :, None]
+    by_ball = of_ball.reshape(len(rows), -1)
+    baseline = np.concatenate([in_flange, by_rotation, by_ball], axis=1)
     residual = (points - means[ball]).reshape(-1)
-    fitted = residual - baseline @ np.linalg.lstsq(baseline, residual, rcond=ROUNDING)[0]
+    solution = np.linalg.lstsq(baseline, residual, rcond=ROUNDING)[0]
+    fitted = residual - baseline @ solution
     noise = max(robust_spread(fitted), LEAST_NOISE)
     arrays = (residual, axes, pose[rows], baseline, noise, LEAST_NOISE, local[:, rows])
     return SurfaceData(*arrays, flange, sensor, rows)
@@ -151,7 +169,8 @@ def linearised_centres(recording: Recording, found: HandEye) -> SurfaceData:
 
 def robust_spread(values: np.ndarray) -> float:
     """Standard deviation from the median absolute deviation."""
-    return float(np.median(np.abs(values - np.median(values))) / norm.isf(0.25))
+    deviation = np.abs(values - np.median(values))
+    return float(np.median(deviation) / norm.isf(0.25))
 
 
 def pose_error(data: SurfaceData, remaining: np.ndarray, noise: float) -> float:
@@ -165,11 +184,14 @@ def pose_error(data: SurfaceData, remaining: np.ndarray, noise: float) -> float:
     square, size = np.concatenate(scores) ** 2, np.concatenate(sizes)
 
     def deviance(log_error: float) -> float:
-        variance = noise**2 + (np.exp(log_error) * size) ** 2
+        spread = np.exp(log_error) * size
+        variance = noise**2 + spread**2
         return float((np.log(variance) + square / variance).sum())
 
-    bounds = np.log(_LEAST_ERROR), np.log(10 * np.sqrt(square.max()) + 2 * _LEAST_ERROR)
-    return float(np.exp(minimize_scalar(deviance, bounds=bounds, method="bounded").x))
+    most = 10 * np.sqrt(square.max()) + 2 * _LEAST_ERROR
+    bounds = np.log(_LEAST_ERROR), np.log(most)
+    best = minimize_scalar(deviance, bounds=bounds, method="bounded")
+    return float(np.exp(best.x))
 
 
 def shift_basis(normal: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -186,9 +208,11 @@ def shift_basis(normal: np.ndarray, pose: np.ndarray) -> np.ndarray:
 def without_pose_shifts(residual, normal, pose) -> np.ndarray:
     """(n,) residuals less the shift of every pose that fits its own points best."""
     basis = shift_basis(normal, pose)
-    shift = np.zeros((int(pose.max()) + 1, basis.shape[1]))
+    poses = int(pose.max()) + 1
+    shift = np.zeros((poses, basis.shape[1]))
     np.add.at(shift, pose, basis * residual[:, None])
-    return residual - np.einsum("ni,ni->n", basis, shift[pose])
+    moved = np.einsum("ni,ni->n", basis, shift[pose])
+    return residual - moved
 
 
 def pairs_at(data: SurfaceData, share: float) -> np.ndarray:

@@ -53,7 +53,8 @@ class Trial:
     def log_evidence(self, dispersion: float, points: int) -> float:
         """Of the candidate against none, by Schwarz' criterion, with the prior of its kind."""
         prior = 0.0 if self.candidate.is_named else np.log(RARE_PRIOR)
-        return (self.fall / dispersion - self.rank * np.log(points)) / 2 + prior
+        penalty = self.rank * np.log(points)
+        return (self.fall / dispersion - penalty) / 2 + prior
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Search:
         self.data = data
         self.candidates = list(candidates)
         self.tests = len({candidate.kind for candidate in self.candidates})
-        self.target = data.whitened(data.residual[:, None])[:, 0]
+        self.target = data.whitened_residual()
         self.white = {
             id(candidate): data.whitened(candidate.columns) for candidate in self.candidates
         }
@@ -117,11 +118,13 @@ class Search:
     def _log_evidence(self, terms: Sequence[Candidate]) -> float:
         """Of a set of terms by Schwarz' criterion, with the dispersion of what it leaves."""
         basis = _orthonormal(self._columns(terms))
-        remaining = float(self.target @ self.target - ((basis.T @ self.target) ** 2).sum())
+        explained = ((basis.T @ self.target) ** 2).sum()
+        remaining = float(self.target @ self.target - explained)
         points = len(self.target)
         rank = basis.shape[1]
         prior = sum(np.log(RARE_PRIOR) for term in terms if not term.is_named)
-        return -(points * np.log(max(remaining, 1e-300)) + rank * np.log(points)) / 2 + prior
+        log_misfit = points * np.log(max(remaining, 1e-300))
+        return -(log_misfit + rank * np.log(points)) / 2 + prior
 
     def _improved(self, terms: list[Candidate], candidates) -> list[Candidate]:
         """Terms exchanged and removed while the evidence grows; a set that comes back ends it."""
@@ -169,7 +172,8 @@ class Search:
 
     def _trial(self, candidate: Candidate, basis: np.ndarray, residual: np.ndarray) -> Trial:
         columns = self.white[id(candidate)]
-        orthogonal = _orthonormal(columns - basis @ (basis.T @ columns), np.linalg.norm(columns))
+        unexplained = columns - basis @ (basis.T @ columns)
+        orthogonal = _orthonormal(unexplained, np.linalg.norm(columns))
         rank = orthogonal.shape[1]
         if rank == 0:
             return Trial(candidate, 0.0, 0, 1.0, 1.0)
@@ -178,7 +182,8 @@ class Search:
         remaining = residual - orthogonal @ score
         degrees = max(len(residual) - basis.shape[1] - rank, _LEAST_DEGREES)
         variance = max(float(remaining @ remaining) / degrees, 1.0)
-        dispersion = variance * max(self._design_effect(orthogonal, remaining) / variance, 1.0)
+        design_effect = self._design_effect(orthogonal, remaining)
+        dispersion = variance * max(design_effect / variance, 1.0)
         of_poses = _COORDINATES * len(self.data.sensor) - basis.shape[1] - rank
         statistic = fall / rank / dispersion
         p_value = float(fisher.sf(statistic, rank, max(of_poses, _LEAST_DEGREES)))
@@ -186,9 +191,11 @@ class Search:
 
     def _design_effect(self, orthogonal: np.ndarray, remaining: np.ndarray) -> float:
         """Mean square of the scores of single poses, over the square that independent points of variance 1 make."""
-        scores = np.zeros((len(self.data.sensor), orthogonal.shape[1]))
+        shape = (len(self.data.sensor), orthogonal.shape[1])
+        scores = np.zeros(shape)
         np.add.at(scores, self.data.pose, orthogonal * remaining[:, None])
-        return float((scores**2).sum() / (orthogonal**2).sum())
+        expected = (orthogonal**2).sum()
+        return float((scores**2).sum() / expected)
 
     def found(self, candidate: Candidate, others: Sequence[Candidate]) -> Found:
         """A candidate next to other terms, with held-out errors and alternatives."""
@@ -239,13 +246,16 @@ class Search:
     def _size(self, error: np.ndarray) -> float:
         """mm, RMS of the part of an error (n,) that no hand-eye transform and centre of the ball make."""
         basis = _orthonormal(self.data.baseline)
-        return float(np.sqrt(np.mean((error - basis @ (basis.T @ error)) ** 2)))
+        remaining = error - basis @ (basis.T @ error)
+        return float(np.sqrt(np.mean(remaining**2)))
 
     def _estimates(self, candidate, others, dispersion: float) -> tuple[np.ndarray, np.ndarray]:
         """Values and standard deviations (k,) of a candidate's parameters; nan for what only a combination shows."""
-        inverse = np.linalg.pinv(self._columns([*others, candidate]), rcond=ROUNDING)
+        all_columns = self._columns([*others, candidate])
+        inverse = np.linalg.pinv(all_columns, rcond=ROUNDING)
         rows = inverse[-candidate.columns.shape[1] :]
-        std = np.sqrt(dispersion * (rows**2).sum(1))
+        squares = (rows**2).sum(1)
+        std = np.sqrt(dispersion * squares)
         std[self._undetermined(candidate, others)] = np.nan
         return rows @ self.target, std
 
@@ -282,7 +292,8 @@ def _shares(candidate: Candidate, ranked) -> tuple[float, tuple[tuple[Candidate,
 def _orthonormal(columns: np.ndarray, scale: float | None = None) -> np.ndarray:
     """(n, r) orthonormal basis of columns (n, k); `scale`: what their length is compared with."""
     basis, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, size > _SMALLEST * (size[0] if scale is None else scale)]
+    largest = size[0] if scale is None else scale
+    return basis[:, size > _SMALLEST * largest]
 
 
 def _drop_term(terms: Sequence[Candidate], candidate: Candidate) -> list[Candidate]:
