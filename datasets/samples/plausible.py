@@ -22,6 +22,9 @@ TURN = 2 * np.pi
 TOOL_MM = 1000.0
 """No reflector is expected farther from the flange."""
 
+FEW_ROWS, MOST_NAMED = 0.3, 8
+"""Share of the rows up to which far points are mistakes of single cells, and how many samples a message names."""
+
 MOST_BALLS = 16
 """Number of rows of one static pose that are compared with each other."""
 
@@ -65,12 +68,35 @@ def motion_fits_joints(table: Table, context: Context) -> None:
     dq = sum(np.ptp(table.columns[c][moving]) for c in names) * np.pi / 180
     spread, bound = np.ptp(points[moving], axis=0).max(), 2 * (reach + TOOL_MM) * dq + 2 * TOOL_MM
     if spread > bound:
+        _single_far_cells(table, points, moving, 2 * (reach + TOOL_MM))
         raise complaint(
             f"{table.called}, columns {names[0]} … {names[-1]}",
             "joint readings in degrees that explain the points",
             f"points that move by {spread:.0f} mm where these joints reach {bound:.0f} mm",
             "convert the joints from radians to degrees, or the points to mm",
         )
+
+
+def _single_far_cells(table: Table, points: np.ndarray, moving: np.ndarray, limit: float) -> None:
+    """Cells of a few rows that are farther from the median of their column than the arm can carry a point, in mm."""
+    is_far = moving[:, None] & (np.abs(points - np.median(points[moving], axis=0)) > limit)
+    rows = np.flatnonzero(is_far.any(axis=1))
+    if not 0 < len(rows) < FEW_ROWS * moving.sum():
+        return
+    names = [
+        name for name, is_named in zip(("x_mm", "y_mm", "z_mm"), is_far.any(axis=0)) if is_named
+    ]
+    samples = table.columns["sample"][rows].astype(int)
+    shown = ", ".join(map(str, samples[:MOST_NAMED])) + (" ..." if len(rows) > MOST_NAMED else "")
+    row, column = np.argwhere(is_far)[0]
+    raise complaint(
+        f"{table.called}, column{'s' * (len(names) > 1)} {', '.join(names)}, samples {shown}",
+        "points that the arm can reach, as in the other rows",
+        f"{len(rows)} of {moving.sum()} rows more than {limit:.0f} mm away from them, such as "
+        f"{points[row, column]:.8g} where the median of the column is {np.median(points[moving, column]):.6g}: a "
+        "decimal point or comma is lost, or the unit is another one",
+        "correct these cells, and others of the same column that may be less far off",
+    )
 
 
 def points_are_millimetres(table: Table, context: Context) -> None:

@@ -4,6 +4,7 @@ Drift, steps and warm-up are functions of time, and blocks of consecutive rows l
 is sorted by a joint they are functions of its reading, and the blocks are ranges of it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,9 +52,14 @@ def sorting_joint(recording: Recording) -> str | None:
     readings = {name: recording.columns[name][first] for name in names}
     for name in names:
         others = [values for other, values in readings.items() if other != name]
-        if _is_sorted(readings[name]) and any(_jumps(values) for values in others):
+        if is_sorted_alone(readings[name], others):
             return name
     return None
+
+
+def is_sorted_alone(values: np.ndarray, others: Sequence[np.ndarray]) -> bool:
+    """Whether values (n,) ascend or descend while one of the other columns (n,) jumps, as of a sorted table."""
+    return _is_sorted(values) and any(_jumps(other) for other in others)
 
 
 def _is_sorted(values: np.ndarray) -> bool:
@@ -72,4 +78,4 @@ def _jumps(values: np.ndarray) -> bool:
     return bool(np.abs(np.diff(values)).mean() > _JUMPS * mean_distance)
 
 
-__all__ = ["sorting_joint", "without_sorted_rows"]
+__all__ = ["is_sorted_alone", "sorting_joint", "without_sorted_rows"]

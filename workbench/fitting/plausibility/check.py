@@ -66,6 +66,7 @@ _MAJORITY, _NEARLY_ALL = 0.6, 0.9
 _NOT_PROVEN = (
     "unexplained",
     "rows-shuffled",
+    "sorted-column",
     "stuck-encoder",
     "copied-column",
     "constant-coordinate",

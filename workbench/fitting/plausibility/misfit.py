@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from datasets.samples.columns import joint_columns
 from robot_model.system import geometry_free
 from workbench.core.errors import InputError
 from workbench.fitting.plausibility.fitting import (
@@ -22,6 +23,7 @@ from workbench.fitting.plausibility.joint_columns.columns_at_rest import (
     constant_coordinates,
     equal_columns,
     longest_run,
+    sorted_column,
 )
 from workbench.fitting.plausibility.joint_columns.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.joint_columns.reading_scales import scaled_readings
@@ -332,6 +334,16 @@ def _columns_to_doubt(recording) -> Iterator[tuple[str, str]]:
         yield (
             f"columns {a} and {b}: hold the same values; one was copied over the other",
             "copied-column",
+        )
+    name = sorted_column(recording)
+    if name is not None:
+        sorted_part = (
+            "this column" if name in joint_columns(recording.columns) else "the measurement"
+        )
+        yield (
+            f"column {name}: its values ascend or descend, as if {sorted_part} was sorted by {name} without the other "
+            "columns, so that the rows do not belong together; restore the order of the rows",
+            "sorted-column",
         )
     run = longest_run(recording)
     if run is not None:

@@ -31,6 +31,8 @@ _LENGTH_UNITS = {"m": 1000.0, "inches": 25.4, "cm": 10.0}
 _OFFSETS = (90.0, -90.0, 180.0)
 _WIDEST_DEG = 800.0
 _SMALL_UNIT, _LEAST_COUNT = 0.06, 400.0
+_LEAST_SEXAGESIMAL, _LAST_DIGIT = 20, 1e-6
+"""Different readings, all of whose decimals are below .60 by chance once in 27,000; and a rounding error."""
 
 
 def joint_corrections(robot, recording) -> Iterator[Correction]:
@@ -40,6 +42,7 @@ def joint_corrections(robot, recording) -> Iterator[Correction]:
     if len(joints) > 2:
         yield sign_correction(tuple(joints), mistake_count=1)  # one convention, of all of them
     yield from _units(recording, joints)
+    yield from _sexagesimal(recording)
     yield from lost_decimal_points(recording, revolute_columns(recording), _WIDEST_DEG)
     # an offset of the first joint is absorbed by the base, one of the last joint by the tool
     yield from _offsets(robot, [name for name in joints[1:-1] if name.endswith("_deg")])
@@ -107,6 +110,52 @@ def _units(recording, joints):
             yield _unit(tuple(revolute), unit, factor, mistake_count=1)
     for unit, factor in _LENGTH_UNITS.items():
         yield from (_unit((name,), unit, factor) for name in joints if name.endswith("_mm"))
+
+
+def _sexagesimal(recording) -> Iterator[Correction]:
+    """Readings whose decimals are minutes, or minutes and seconds, of arc: 12.30 for 12 degrees 30 minutes.
+
+    Decimals of degrees are below .60 in all of n readings with the probability 0.6^n.
+    """
+    for has_seconds, unit in ((False, "minutes"), (True, "minutes and seconds")):
+        names = [
+            name
+            for name in revolute_columns(recording)
+            if _could_be_sexagesimal(recording.columns[name], has_seconds)
+        ]
+        groups = [(name,) for name in names] + ([tuple(names)] if len(names) > 1 else [])
+        for group in groups:
+            yield column_correction(
+                "joint-unit",
+                named_columns(group),
+                f"{'holds' if len(group) == 1 else 'hold'} degrees with {unit} of arc in the place of decimals",
+                "convert to decimal degrees: divide the minutes by 60"
+                + " and the seconds by 3600" * has_seconds,
+                lambda columns, group=group, has_seconds=has_seconds: {
+                    name: _decimal_degrees(columns[name], has_seconds) for name in group
+                },
+                group,
+            )
+
+
+def _could_be_sexagesimal(values: np.ndarray, has_seconds: bool) -> bool:
+    """Whether the decimals of all readings (n,) are possible minutes, and seconds, and enough to be no chance."""
+    different = np.unique(np.abs(values))
+    minutes = 100 * (different % 1)
+    possible = minutes < 60 - _LAST_DIGIT
+    if has_seconds:
+        possible &= 100 * ((minutes + _LAST_DIGIT) % 1) < 60
+    return bool(len(different) >= _LEAST_SEXAGESIMAL and possible.all())
+
+
+def _decimal_degrees(values: np.ndarray, has_seconds: bool) -> np.ndarray:
+    """Decimal degrees of readings (n,) whose decimals are minutes, or minutes and seconds."""
+    size = np.abs(values)
+    minutes = 100 * (size % 1)
+    if has_seconds:
+        whole = np.floor(minutes + _LAST_DIGIT)
+        minutes = whole + 100 * (minutes - whole) / 60
+    return np.sign(values) * (np.floor(size) + minutes / 60)
 
 
 def _could_hold(recording, name, factor) -> bool:

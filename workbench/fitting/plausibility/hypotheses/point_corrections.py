@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from datasets.samples.columns import POINT, QUATERNION
+from workbench.fitting.plausibility.hypotheses.angle_corrections import angle_corrections
 from workbench.fitting.plausibility.hypotheses.corrections import (
     Correction,
     axis_columns,
@@ -45,6 +46,7 @@ def pose_corrections() -> Iterator[Correction]:
     """Every single mistake of measured orientations and of whole poses."""
     yield from _quaternions()
     yield _inverse_pose()
+    yield from angle_corrections()
 
 
 def _units(recording, lengths):

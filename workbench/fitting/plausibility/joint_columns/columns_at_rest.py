@@ -1,8 +1,9 @@
-"""Joint columns that stay constant while the arm moves: an encoder that is stuck, a column copied by mistake."""
+"""Columns that do not vary as the others do: a stuck encoder, a column that was copied or sorted by mistake."""
 
 import numpy as np
 
 from datasets.samples.columns import POINT, joint_columns
+from workbench.fitting.row_order import is_sorted_alone
 
 _LEAST_RUN, _MAX_SHARE = 10, 0.7
 
@@ -37,6 +38,22 @@ def equal_columns(recording) -> list[tuple[str, str]]:
         for b in names[k + 1 :]
         if np.array_equal(values[a], values[b])
     ]
+
+
+def sorted_column(recording) -> str | None:
+    """A joint column, or a measured coordinate, that ascends or descends while other columns jump; None without one."""
+    first = np.sort(np.unique(recording.poses, return_index=True)[1])
+    points = [name for name in POINT if name in recording.columns]
+    for names, rows in (
+        (joint_columns(recording.columns), first),
+        (points, np.arange(recording.n)),
+    ):
+        values = {name: recording.columns[name][rows] for name in names}
+        for name in names:
+            others = [column for other, column in values.items() if other != name]
+            if len(rows) >= _LEAST_RUN and is_sorted_alone(values[name], others):
+                return name
+    return None
 
 
 def longest_run(recording) -> tuple[str, int, int] | None:

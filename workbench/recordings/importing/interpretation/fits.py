@@ -15,7 +15,6 @@ from datasets.importers.mapping.model import Group
 from datasets.recording import Recording
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.check import good_scale
 from workbench.fitting.plausibility.fitting import (
     EXPLAINED,
     fit_recording,
@@ -25,6 +24,7 @@ from workbench.fitting.plausibility.fitting import (
     scatter_of_points,
     unexplainable_misfit_mm,
 )
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.sampling import even_rows
 
 _ROWS = 100
