@@ -41,6 +41,7 @@ from workbench.recordings.importing.segments.reading_changes import (
 from workbench.recordings.importing.segments.shifted_rows import refuse_shifted_rows
 from workbench.recordings.importing.sources.finding import is_mapped
 from workbench.recordings.importing.sources.header_problems import header_error
+from workbench.recordings.importing.sources.no_joints import refuse_without_joints
 from workbench.recordings.importing.sources.required_columns import with_required_columns
 from workbench.recordings.importing.sources.timed_join import ClockDecision, decide_offset
 
@@ -49,11 +50,6 @@ _SEARCH_S = 15.0
 _FIXED_ROWS = (
     " A row of the Denavit-Hartenberg table that moves with no joint, such as the flange's, needs the word fixed in a "
     "column type, and the theta of a joint needs its variable (q6) where those of the others have theirs."
-)
-_HAND_EYE = (
-    " A hand-eye calibration with `workbench handeye` needs no joint readings: with flange poses, this command reads "
-    "images of a board, profiles or clouds of a ball, and tables of poses of a marker or of centres of one fixed ball "
-    "in the frame of the sensor, unless no hand-eye transform connects them."
 )
 _OTHER_KIND = {"external-point": "ball-centre", "ball-centre": "external-point"}
 
@@ -148,6 +144,7 @@ def _with_robot(found, options, progress):
     named = options.robot or mapping.robot
     missing = _missing(table, mapping)
     if missing:
+        refuse_without_joints(table, mapping, named, [part.file for part in found.source.tables])
         raise header_error(table, mapping, named, missing)
     mapping = with_required_columns(table, mapping)
     if named is None:
@@ -442,7 +439,6 @@ def _without_joints(table: RawTable, mapping: Mapping) -> str:
         return (
             f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
             f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
-            f"{_HAND_EYE}"
         )
     return (
         f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
