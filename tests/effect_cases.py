@@ -62,6 +62,7 @@ ADDITIONS = {
     "payload-centre",
     "sensor-thermal-growth",
     "range-offset",
+    "lateral-scale",
 }
 
 
@@ -76,6 +77,7 @@ SCANNER_ADDITIONS = {
     "focus-breathing",
     "blooming",
     "ghost-line",
+    "lateral-scale",
 }
 
 
@@ -207,6 +209,8 @@ CASES = (
     ("measured-tilt", "base", {"sensor": "foot"}),
     ("measured-tilt", "link-2", {"sensor": "foot", "axes": "xz"}),
     ("range-scale", "sensor", {"z0": 250.0}),
+    ("lateral-scale", "sensor", {}),
+    ("lateral-scale", "sensor", {"axis": "y"}),
     ("sensor-thermal-growth", "sensor", {}),
     ("field-bias", "sensor", {}),
     ("ball-position", "ball-2", {}),

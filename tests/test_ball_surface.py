@@ -1,9 +1,13 @@
 """Points on balls, seen from a flange: as good a measurement as the balls' centres, and the same arm comes out."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from datasets.recording import Recording
+from robot_model.effects import CATALOGUE
 from robot_model.system import bind, geometry_free
 from scenes import ABB, assert_rows, differences, scene
 from workbench.core.errors import InputError
@@ -74,3 +78,26 @@ def test_lines_across_a_ball_are_a_sentence():
     made, recording = surface(n=6, each=3)
     with pytest.raises(InputError, match="4 points of a ball that are not in one plane"):
         bind(made.robot, recording)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_lateral_scale_of_the_sensor_is_estimated(axis):
+    made, recording = surface(n=60, each=15, sigma=0.02)
+    name = f"{axis}_mm"
+    columns = {**recording.columns, name: 1.004 * recording.columns[name]}
+    scaled = replace(recording, columns=columns)
+    effect = CATALOGUE["lateral-scale"]("sensor", axis)
+    model = Model(bind(made.robot, scaled), (effect,))
+    fit = solve(model, model.parameters.free("base.*", "sensor.*"))
+    assert fit.sigma_scale == pytest.approx(1, abs=0.08)
+    scale = fit.parameters.values[fit.parameters.index[f"sensor.lateral-scale.scale_{axis}"]]
+    assert scale == pytest.approx(0.004, abs=1e-4)
+
+
+def test_the_lateral_scale_is_a_candidate_for_profilers_alone():
+    points = np.random.default_rng(0).normal(size=(3, 20))
+    for y, expected in ((points[1], 0), (0 * points[1], 1)):
+        state = SimpleNamespace(points=np.stack([points[0], y, points[2]]))
+        chain = SimpleNamespace(state=state, places=lambda kind: ("sensor",))
+        found = list(CATALOGUE["lateral-scale"].candidates(chain))
+        assert [variant.effect.axis for variant in found] == ["x"] * expected

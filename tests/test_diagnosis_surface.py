@@ -70,22 +70,21 @@ def test_a_curved_field_is_named(kind, recordings):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("axis", "size", "label"),
-    [("x", 0.004, "scale of x"), ("z", 0.02, "angle between x and z is not 90 deg")],
+    ("axis", "size", "cause"),
+    [
+        ("x", 0.004, ("lateral-scale", "scale of x")),
+        ("z", 0.02, ("field-bias", "angle between x and z is not 90 deg")),
+    ],
 )
 def test_a_lateral_scale_and_axes_that_are_not_orthogonal_are_named(
-    kind, axis, size, label, recordings
+    kind, axis, size, cause, recordings
 ):
     recording = recordings[kind]
     x, along = recording.columns["x_mm"], recording.columns[f"{axis}_mm"]
     columns = {**recording.columns, "x_mm": x + size * (along - along.mean())}
     answer = diagnosed(replace(recording, columns=columns))
     (found,) = answer["effects"]
-    assert (answer["verdict"], found["effect"], found["label"]) == (
-        "explained",
-        "field-bias",
-        label,
-    )
+    assert (answer["verdict"], found["effect"], found["label"]) == ("explained", *cause)
     (number,) = found["parameters"]
     assert abs(number["value"] - size) < 3 * number["std"]
 

@@ -47,6 +47,8 @@ CASES = (
     ("recorded-column", "laser", {"column": "exposure_ms"}),
     ("board-point-errors", "artefact", {"line": "row", "at_mm": 20.0}),
     ("range-scale", "sensor", {"z0": 125.0}),
+    ("lateral-scale", "sensor", {}),
+    ("lateral-scale", "sensor", {"axis": "y"}),
     ("field-bias", "sensor", {}),
     ("incidence-bias", "sensor", {}),
     ("subsurface-scatter", "sensor", {}),

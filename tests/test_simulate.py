@@ -119,6 +119,7 @@ CAUSES = (
     ("base-drift", "base", {"start": 0.0, "end": 1490.0, "order": 1}, {"x_t1": 0.1, "rz_t1": 1e-4}),
     ("axis-run-out", "joint-2", {}, {"x_cos": 0.03, "y_sin": -0.02}),
     ("range-scale", "sensor", {"z0": 125.0}, {"scale": 0.002}),
+    ("lateral-scale", "sensor", {}, {"scale_x": 2e-3}),
     ("sensor-thermal-growth", "sensor", {}, {"per_unit": 3e-4}),
     ("field-bias", "sensor", {}, {"x": 0.02, "xx": -0.02}),
     ("ball-position", "ball-2", {}, {"x": 0.1, "y": -0.05, "z": 0.03}),
@@ -132,6 +133,7 @@ CAUSES = (
 )
 BY_SCANNER = (
     "range-scale",
+    "lateral-scale",
     "sensor-thermal-growth",
     "ball-position",
     "artefact-expansion",

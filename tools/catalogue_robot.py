@@ -108,6 +108,7 @@ NOT_SEEN = {
     "periodic-motion": "a term without a physical law, whose rate a diagnosis searches for",
     "compliance-with-masses": "an elastic law with combinations of masses that a diagnosis makes for its poses",
     "sensor-thermal-growth": "it is a range-scale that grows with the temperature",
+    "lateral-scale": "it is the scale of a profiler's x, which points on balls show and centres of balls do not",
     "target-shift": "shift of one of several balls or reflectors instead of the whole tool or base",
     "zero-offset": "a zero offset under another name, which the baseline holds",
     "measured-tilt": "it needs the columns of an accelerometer, which a scene does not hold",

@@ -39,6 +39,7 @@ _PLACES = {
 }
 _OPTIONS = {"mirror-encoder-harmonic": {"order": 60}}
 NOT_SEEN = {
+    "lateral-scale": "it acts on profiles and clouds that were made with another program, as field-bias does",
     "field-bias": "it acts on clouds that were made with another program; here camera and light are fitted",
     "ball-position": "one ball of a scan has its place fitted; see the robot's",
     "noise-heteroscedastic": "see the robot's",

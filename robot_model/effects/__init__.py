@@ -67,6 +67,7 @@ CATALOGUE = {
     "measured-tilt": tilt.MeasuredTilt,
     "range-scale": sensed.RangeScale,
     "sensor-thermal-growth": sensed.SensorThermalGrowth,
+    "lateral-scale": sensed.LateralScale,
     "field-bias": sensed.FieldBias,
     "ball-position": sensed.BallPosition,
     "artefact-expansion": sensed.ArtefactExpansion,

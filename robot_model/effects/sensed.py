@@ -6,6 +6,7 @@ from workbench.core.common_effects import (
     ArtefactExpansionLaw,
     BallPositionLaw,
     FieldBiasLaw,
+    LateralScaleLaw,
     NoiseLaw,
     RangeScaleLaw,
 )
@@ -29,6 +30,19 @@ class RangeScale(RangeScaleLaw, Effect):
         """About the mean range of the recording."""
         for where in chain.places("sensor"):
             yield Variant(cls(where, float(np.round(chain.state.points[2].mean()))))
+
+
+class LateralScale(LateralScaleLaw, Effect):
+    """A lateral coordinate of the sensor is off by a share of itself, as x of a profiler."""
+
+    port = "sensor"
+
+    @classmethod
+    def candidates(cls, chain):
+        """Of x, where all points lie in the plane y = 0 of a profiler."""
+        x, y, _ = chain.state.points
+        if np.ptp(x) > 0 and not np.any(y):
+            yield from map(Variant, map(cls, chain.places("sensor")))
 
 
 class SensorThermalGrowth(Effect):

@@ -18,6 +18,7 @@ CATALOGUE = {
     "mirror-vibration": recorded.MirrorVibration,
     "recorded-column": recorded.RecordedColumn,
     "range-scale": surface.RangeScale,
+    "lateral-scale": surface.LateralScale,
     "field-bias": surface.FieldBias,
     "subsurface-scatter": surface.SubsurfaceScatter,
     "board-point-errors": recorded.BoardPointErrors,

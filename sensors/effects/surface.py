@@ -3,7 +3,7 @@
 import numpy as np
 
 from sensors.state import OF_THE_OBSERVATION
-from workbench.core.common_effects import FieldBiasLaw, NoiseLaw, RangeScaleLaw
+from workbench.core.common_effects import FieldBiasLaw, LateralScaleLaw, NoiseLaw, RangeScaleLaw
 from workbench.core.covariates import known
 from workbench.core.effect import Effect, Variant
 
@@ -17,6 +17,17 @@ class RangeScale(RangeScaleLaw, Effect):
     def candidates(cls, chain):
         """One, where balls of known size show it."""
         return [Variant(cls(where)) for where in chain.places("sensor") if chain.balls]
+
+
+class LateralScale(LateralScaleLaw, Effect):
+    """A lateral coordinate of the measured point is off by a share of itself."""
+
+    port = "point"
+
+    @classmethod
+    def candidates(cls, chain):
+        """None: camera and light plane, whose errors it combines, are calibrated."""
+        return ()
 
 
 class FieldBias(FieldBiasLaw, Effect):

@@ -6,12 +6,14 @@ sensor frame; `field` (2, n), its place in the sensor's field; `ball` (n,), the 
 `target` (3, n) mm, the nominal point. What an observation does not have is nan, and then nothing acts.
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from workbench.core.covariates import known, warmth, warmth_sizes
+
+AXES = ("x", "y", "z")
 
 
 class RangeScaleLaw:
@@ -34,6 +36,32 @@ class RangeScaleLaw:
     def basis(self, state):
         """(1, 1, n) distance from the middle range, mm."""
         return known(state.points[2] - self.z0)[None, None]
+
+
+class LateralScaleLaw:
+    """One lateral coordinate is off by a share of itself: x of a profiler, x or y of a 3-D camera."""
+
+    effect = "lateral-scale"
+    places = ("sensor",)
+    source = "first-order scale error of a triangulation sensor across its range"
+    equation = "dx = c x, or dy = c y"
+
+    def __init__(self, where: str, axis: Literal["x", "y"] = "x"):
+        super().__init__(where)
+        self.axis = axis
+
+    @property
+    def components(self):
+        """The axis that errs."""
+        return (AXES.index(self.axis),)
+
+    def table(self, chain):
+        """One scale, mm/mm."""
+        return (self.parameter(f"scale_{self.axis}", "mm/mm", 1e-3, f"the scale of {self.axis}"),)
+
+    def basis(self, state):
+        """(1, 1, n) the coordinate, mm."""
+        return known(state.points[AXES.index(self.axis)])[None, None]
 
 
 class FieldBiasLaw:

@@ -148,6 +148,9 @@ def _of_sensor(data: SurfaceData, state: _State, is_profile: bool) -> Iterator[C
     """Displacements of the measured points in the sensor frame."""
     scale = surface.RangeScale("sensor", z0=float(np.median(data.local[2])))
     yield _candidate(scale, "scale of z", state, state.normals, ("z",))
+    for axis in "x" if is_profile else "xy":
+        lateral = surface.LateralScale("sensor", axis)
+        yield _candidate(lateral, f"scale of {axis}", state, state.normals, (axis,))
     bias = surface.FieldBias("sensor")
     if is_profile:
         fields = {"x": [0, 2]}
@@ -161,11 +164,8 @@ def _of_sensor(data: SurfaceData, state: _State, is_profile: bool) -> Iterator[C
 
 
 def _of_axes(data: SurfaceData, is_profile: bool) -> Iterator[Candidate]:
-    """Scales of the lateral axes, and axes that are not orthogonal: the linear part of a bias over the field."""
-    lateral = "x" if is_profile else "xy"
+    """Axes that are not orthogonal: the linear part of a bias over the field."""
     pairs = ("xz",) if is_profile else ("xy", "xz", "yz")
-    for axis in lateral:
-        yield _linear(data, axis, axis, f"scale of {axis}", "scale", "1")
     for first, second in pairs:
         label = f"angle between {first} and {second} is not 90 deg"
         yield _linear(data, first, second, label, "angle", "rad")
