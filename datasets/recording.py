@@ -14,7 +14,8 @@ from workbench.core.rigid import transform
 
 SECTION = "scan_section_mm"
 ROOT = tuple(f"scan_root_{a}{b}" for a in "xyz" for b in "xyz")
-SCAN = frozenset({SECTION, *ROOT})
+SCATTER = "scan_scatter_mm"
+SCAN = frozenset({SECTION, SCATTER, *ROOT})
 """Columns of a scan whose points are one sample, in memory only: see `robot_model.measurements.ball_scan`."""
 
 

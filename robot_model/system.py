@@ -9,6 +9,7 @@ import numpy as np
 from robot_model import chain as kinematics
 from robot_model.chain import BETA, D, forward
 from robot_model.measurements import end_recordings, measurement_of
+from robot_model.measurements.ball_scan import FILE_KIND, KIND
 from robot_model.poses import pose_parameters
 from robot_model.robot import Robot
 from robot_model.state import State, moved
@@ -453,7 +454,7 @@ def _state(robot, ends, variables, measurement, tool) -> State:
         for name in covariates_of_ends[-1]
     }
     rows = np.arange(ends[0].n, dtype=float)
-    if ends[0].measures == "ball-surface":
+    if ends[0].measures in (FILE_KIND, KIND):
         rows = row_instants(ends[0].poses)
     covariates.setdefault("row", np.tile(rows, len(ends)))
     history = None

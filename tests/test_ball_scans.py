@@ -16,13 +16,13 @@ from workbench.commands import cli
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.diagnosis.linear.problem import Located
-from workbench.diagnosis.robot.ball_scans import scans_of
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.robot.scan_weights import _likeliest_ratio, _Residual
 from workbench.diagnosis.search.select import find
 from workbench.explanation.answer import diagnose
 from workbench.explanation.scan_search import find_in_weighed_scans
 from workbench.explanation.unexplained import is_structure_located
+from workbench.fitting.ball_scans import scans_of
+from workbench.fitting.scan_weights import _likeliest_ratio, _Residual
 
 
 def test_points_of_one_pose_are_simultaneous():

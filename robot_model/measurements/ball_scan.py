@@ -19,9 +19,16 @@ from robot_model.measurements.multistart import RotationSystem
 from workbench.core.parameters import Parameter
 
 KIND = "ball-scan"
+"""Of samples that are scans; the file that they come from is of the kind `FILE_KIND`."""
+FILE_KIND = "ball-surface"
 
 _SMALLEST_SECTION = 0.05  # of the ball's radius
 _LEAST_SEEN = 0.1  # of the largest: displacements that change the distances less are not drawn
+
+
+def file_kind(measures: str) -> str:
+    """The kind of the file from which samples of a kind come."""
+    return FILE_KIND if measures == KIND else measures
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class BallScan:
 
     @classmethod
     def of(cls, recording) -> "BallScan":
-        """From a recording of scans with an artefact, as of `workbench.diagnosis.robot.ball_scans`."""
+        """From a recording of scans with an artefact, as of `workbench.fitting.ball_scans`."""
         columns = recording.columns
         root = np.stack([columns[name] for name in ROOT], axis=1).reshape(-1, 3, 3)
         radius = np.array([recording.balls[int(number)][3] for number in recording.ball])

@@ -190,6 +190,24 @@ def _static_poses(recording) -> np.ndarray:
     return recording.poses
 
 
+def scan_numbers(recording, first) -> np.ndarray:
+    """(P,) the number of the pose of each scan where no two have the same, else 1, 2, ...; first (P,) row of each."""
+    if "pose" in recording.columns:
+        numbers = recording.columns["pose"][first]
+        if len(np.unique(numbers)) == len(first):
+            return numbers
+    return np.arange(1.0, len(first) + 1)
+
+
+def numbers_of_scans(recording) -> np.ndarray:
+    """(n,) int number of the scan of each point: one ball in one pose, in the order of their first points."""
+    pairs = np.stack([_static_poses(recording), recording.ball])
+    _, first, scan = np.unique(pairs, axis=1, return_index=True, return_inverse=True)
+    in_order = np.argsort(first, kind="stable")
+    place = np.argsort(in_order)
+    return scan_numbers(recording, first[in_order]).astype(int)[place[scan.ravel()]]
+
+
 def _centre(points, radius):
     """(3,) centre of the ball of `radius` through points (3, k), nan where they do not say; Gauss-Newton."""
     middle = points.mean(1, keepdims=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.effects.curve import describe_curves
+from robot_model.measurements.ball_scan import file_kind
 from robot_model.stiffness import stiffness_rows
 
 
@@ -138,7 +139,7 @@ def calibration_json(calibration) -> dict:
     return {
         "command": "calibrate",
         "recording": calibration.recording.name,
-        "measures": calibration.recording.measures,
+        "measures": file_kind(calibration.recording.measures),
         "samples": calibration.recording.n,
         "group_names": dict(calibration.recording.group_names),
         "stages": [_stage_row(stage) for stage in calibration.stages],

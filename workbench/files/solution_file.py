@@ -10,6 +10,7 @@ import numpy as np
 from datasets.samples.columns import BOOKKEEPING, MEASURED, MEASURED_GROUPS, OTHER, joint_columns
 from robot_model import load_robot
 from robot_model.effects import CATALOGUE
+from robot_model.measurements.ball_scan import file_kind
 from robot_model.postures.configuration import configuration_signs, has_configurations
 from robot_model.robot import Robot
 from workbench.core.effect import Effect, make_effects
@@ -100,7 +101,7 @@ def solution_keys(calibration, noise=None) -> dict:
     return {
         "format": FORMAT,
         "recording": recording.name,
-        "measures": recording.measures,
+        "measures": file_kind(recording.measures),
         "robot": robot_keys(recording),
         "effects": [
             {"effect": name_of(e), "where": e.where, **e.options} for e in calibration.model.effects

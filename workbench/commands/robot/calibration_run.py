@@ -72,9 +72,9 @@ def solve_into(
     calibration = calibrate(found, progress=progress, **options)
     progress("comparing the residual with the noise")
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
-    verdict = with_remark(verdict, remark_on_kind(calibration.recording.measures))
-    verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
     stated = calibration.as_json()
+    verdict = with_remark(verdict, remark_on_kind(stated["measures"]))
+    verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
     of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())
     result = {
         **stated,

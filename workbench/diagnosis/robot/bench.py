@@ -10,6 +10,7 @@ from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.elastic import JointCompliance
 from robot_model.effects.instrument import sight_covariates
+from robot_model.measurements.ball_scan import FILE_KIND
 from robot_model.state import State, moved
 from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
@@ -24,7 +25,6 @@ from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.outliers import robust_weights
 from workbench.diagnosis.robot import mass_responses
-from workbench.diagnosis.robot.ball_scans import scans_of
 from workbench.diagnosis.robot.derived import (
     deflection_row,
     mass_rows,
@@ -37,16 +37,17 @@ from workbench.diagnosis.robot.derived import (
 )
 from workbench.diagnosis.robot.library import compliances, names, variants
 from workbench.diagnosis.robot.linearised import solution, with_candidates, with_places
-from workbench.diagnosis.robot.scan_weights import (
-    roots_next_to,
-    roots_of,
-    with_roots,
-)
+from workbench.fitting.ball_scans import scans_of
 from workbench.fitting.calibration_plans.plans import geometry, stage_mask
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.noise_scale import NOISE_ROUNDS, is_settled, noise_scaled
 from workbench.fitting.priors.shrinkage import settled
 from workbench.fitting.priors.wider_priors import widened
+from workbench.fitting.scan_weights import (
+    roots_next_to,
+    roots_of,
+    with_roots,
+)
 
 _FAINT = 1e-4  # knows a parameter to a hundred typical sizes: its variance where the data do not determine it
 _GEOMETRY = 1.0
@@ -87,7 +88,7 @@ def bench_of(recording, baseline: str = "geometry", trust_data: bool = False) ->
     checked = check_samples(recording, trust_data)
     moving = checked.recording
     roots = None
-    if moving.measures == "ball-surface":
+    if moving.measures == FILE_KIND:
         moving = scans_of(checked.robot, moving)
         roots = roots_of(moving)
     _check_enough(moving)

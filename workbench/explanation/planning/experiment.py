@@ -62,6 +62,11 @@ CLEAN = (
     "None is needed: these data show no further effect. smallest-visible.csv in the run folder lists the minimal "
     "detectable bias of each effect."
 )
+FEW_DEGREES = (
+    "Measure more poses, spread over the workspace: these show no further effect, but {poses} poses leave "
+    "{degrees:.0f} degrees of freedom next to {rank} combinations of parameters, so that only large effects "
+    "are visible. smallest-visible.csv in the run folder lists the minimal detectable bias of each effect."
+)
 
 CORRELATED = (
     "Measure some poses again at other times, in random order, or state sigma_mm: what is left is correlated from pose "
@@ -97,7 +102,8 @@ def next_experiment(
     untested = sides_from_moves(bench.chain) if _may_be_backlash(terms) else ""
     if all(term.share is not None and not term.remainder for term in physical):
         too_few_poses = TOO_FEW_POSES.format(poses=len(np.unique(bench.pose)))
-        return _without_figures(too_few_poses if p_first < UNMODELLED_LEVEL else CLEAN, untested)
+        is_clean = p_first >= UNMODELLED_LEVEL
+        return _without_figures(_clean(bench, problem) if is_clean else too_few_poses, untested)
     doubtful = [term for term in terms if not term.is_certain or term.finding.effect == "unknown"]
     if not doubtful:
         return _without_figures(EXCEPT if untested and not refused else _nothing(refused), untested)
@@ -123,6 +129,14 @@ def next_experiment(
     sentence = " ".join(filter(None, sentences))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _clean(bench, problem: Problem) -> str:
+    """What to measure where nothing was found: nothing, or more poses where the parameters take most of the numbers."""
+    if problem.degrees >= problem.rank:
+        return CLEAN
+    poses = len(np.unique(bench.pose))
+    return FEW_DEGREES.format(poses=poses, degrees=problem.degrees, rank=problem.rank)
 
 
 def _without_figures(*sentences: str) -> Experiment:

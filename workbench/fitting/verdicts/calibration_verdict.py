@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from robot_model.measurements.ball_scan import FILE_KIND
+from workbench.fitting.plausibility.hypotheses.corrections import listed
 from workbench.fitting.verdicts.noise_report import NoiseReport, is_above
 from workbench.fitting.verdicts.verdict import (
     STATED,
@@ -41,6 +43,7 @@ class _Quantity:
     degrees: float
 
 
+WITHIN_SCANS = "scatter of the points within the scans"
 ONE_NUMBER = {
     "ball-surface": "distances of the measured points from the ball",
     "plane-touch": "distances of the tip from the plane",
@@ -53,6 +56,12 @@ def remark_on_kind(measures: str) -> str:
     if measures not in ONE_NUMBER:
         return ""
     meaning = f"These errors are {ONE_NUMBER[measures]}: one number for each sample."
+    if measures == FILE_KIND:
+        meaning = (
+            "A sample is a scan, one ball in one pose. Its error is the RMS over its points of the "
+            f"{ONE_NUMBER[measures]} that errors of the pose, the model and the place of the scan make, without the "
+            "noise of single points."
+        )
     return f"{meaning} The 3-D error of the arm may be larger."
 
 
@@ -74,8 +83,21 @@ def calibration_verdict(
         verdicts.append(
             _held_out_verdict(_orientation(held_out, report), tolerances, report.advice)
         )
-    verdict = combine(verdicts)
+    verdict = with_remark(combine(verdicts), carrying_samples(held_out))
     return _failed(verdict) if report.alarms else verdict
+
+
+def carrying_samples(held_out: Mapping) -> str:
+    """A sentence where few samples make half of the held-out mean square error; "" elsewhere."""
+    numbers = held_out.get("carried_by", ())
+    if not numbers:
+        return ""
+    noun, verb = ("sample", "makes") if len(numbers) == 1 else ("samples", "make")
+    return (
+        f"{len(numbers)} of {held_out['samples']} samples ({noun} {listed(numbers)}) {verb} half of its "
+        f"mean square: without {'it' if len(numbers) == 1 else 'them'} the others determine the model worse there. The "
+        f"median error is {held_out['median_mm']:.3g} mm."
+    )
 
 
 def with_remark(verdict: Verdict, sentence: str) -> Verdict:
@@ -111,7 +133,7 @@ def _position(held_out: Mapping, report: NoiseReport) -> _Quantity:
         _noise(report),
         found.rms,
         math.sqrt(found.components) * found.residual_rms,
-        report.is_above,
+        report.is_above if report.known_rms else report.is_above_scatter,
         found.components * found.samples,
     )
 
@@ -169,7 +191,8 @@ def _too_few_poses(quantity: _Quantity) -> str:
 
 
 def _noise(report: NoiseReport) -> Noise | None:
-    """Noise of the distance: as stated, else from replicates, else not known."""
-    if report.known_rms is None:
-        return None
-    return Noise(*report.known_rms)
+    """Noise of the distance: as stated, else from replicates, else from the scatter within scans, else not known."""
+    if report.known_rms is not None:
+        return Noise(*report.known_rms)
+    within_scans = report.findings.within_scans
+    return Noise(within_scans, WITHIN_SCANS) if within_scans else None

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from datasets.recording import SCATTER
+from robot_model.measurements.ball_scan import FILE_KIND
 from workbench.core.least_squares.adjustment_tests import (
     outlying,
     redundancy,
@@ -71,8 +73,15 @@ def noise_report(calibration) -> NoiseReport:
         left_out=calibration.suspects,
         rotation=_rotation(recording, model, fit),
         absorbed=absorbed,
+        within_scans=_within_scans(recording),
     )
     return report(found)
+
+
+def _within_scans(recording) -> float | None:
+    """RMS distance (mm) by the scatter of points within scans; None where no sample is a scan."""
+    scatter = recording.columns.get(SCATTER)
+    return None if scatter is None else float(np.sqrt((scatter**2).mean()))
 
 
 def _absorbed(model: Model, fit: Fit, samples: Samples) -> Structure | None:
@@ -178,7 +187,7 @@ def _replicates(
 
     None for points of a ball's surface: those of one pose lie at different places of the ball, and repeat nothing.
     """
-    if recording.measures == "ball-surface":
+    if recording.measures == FILE_KIND:
         return None
     retained = np.flatnonzero(~wrong)
     retained = retained[_first_of_copies(residual[:, retained])]

@@ -53,7 +53,8 @@ class Findings:
     `components`: coordinates of one measured position (1 where lengths are measured).
     `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
     stated. `absorbed`: structure of the residual of the geometry alone, where retained terms leave none.
-    `is_diagnosed`: whether the fit is that of a diagnosis, after which another one is no advice.
+    `is_diagnosed`: whether the fit is that of a diagnosis, after which another one is no advice. `within_scans`: where
+    samples are scans of balls, the RMS distance (mm) that the scatter of the points within a scan makes.
     """
 
     stated: float | None
@@ -72,6 +73,7 @@ class Findings:
     rotation: RotationNoise | None = None
     absorbed: Structure | None = None
     is_diagnosed: bool = False
+    within_scans: float | None = None
 
     @property
     def is_absorbed(self) -> bool:
@@ -128,6 +130,15 @@ class NoiseReport:
         return None
 
     @property
+    def is_above_scatter(self) -> bool | None:
+        """Whether the residual exceeds what the scatter within scans makes; None where no sample is a scan."""
+        found = self.findings
+        if not found.within_scans:
+            return None
+        ratio = np.sqrt(found.components) * found.residual_rms / found.within_scans
+        return bool(ratio > _RELEVANT and chi2.sf(found.degrees * ratio**2, found.degrees) < _LEVEL)
+
+    @property
     def discrepancy_rms(self) -> float | None:
         """RMS distance (mm) that the model misses: what the fit leaves beyond the noise. None: the noise is unknown.
 
@@ -154,6 +165,11 @@ class NoiseReport:
         agrees = found.stated is not None and found.residual < _ROBUST_AGREES * found.stated
         if found.outlying and (agrees or self.alarms):
             return f"{_counted(found.outlying)} do not agree with the others; see the warnings"
+        if found.within_scans and found.stated is None and found.replicates is None:
+            return (
+                "errors of the arm's poses, such as its repeatability, or unmodelled effects remain; "
+                f"{DIAGNOSE}"
+            )
         known_cause = found.replicates is None or _exceeds_replicates(found)
         if known_cause and (
             found.replicates is not None or (found.structure is not None and found.structure.found)
@@ -175,6 +191,7 @@ class NoiseReport:
         return {
             "stated_mm": found.stated,
             "from_repeats_mm": found.replicates.sigma if found.replicates else None,
+            "within_scans_mm": found.within_scans,
             "from_residuals_mm": found.residual,
             "at_most_mm": _bound(found),
             "factor": test.factor if test else None,
@@ -362,6 +379,12 @@ def _agreement(found: Findings) -> str:
 
 def _without_statement(found: Findings) -> str:
     sentence = f"The recording states no noise; the RMS residual is {found.residual_rms:.3g} mm per coordinate"
+    if found.within_scans:
+        return (
+            f"{sentence}. The scatter of the points within a scan makes {found.within_scans:.3g} mm RMS of "
+            "the distance; it does not contain errors of the arm's poses. Measure some poses repeatedly to have these "
+            "compared."
+        )
     if found.replicates is None:
         return (
             f"{sentence}. Write sigma_mm into recording.toml (workbench import: --sigma), or measure some poses "

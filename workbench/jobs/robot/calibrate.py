@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.measurements.ball_scan import FILE_KIND
 from robot_model.robot import Robot
 from robot_model.system import (
     RobotChain,
@@ -27,6 +28,7 @@ from workbench.files.provenance import provenance
 from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
 from workbench.files.solution_file import name_of
 from workbench.files.term_sizes import term_sizes
+from workbench.fitting.ball_scans import weighed_scans
 from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
 from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
 from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
@@ -35,6 +37,7 @@ from workbench.fitting.cross_validation import (
     HeldOut,
     Split,
     blocks,
+    carrying_samples,
     cross_validate,
     error_summary,
     in_rotation,
@@ -136,6 +139,7 @@ def calibrate(
 
     recording: a Recording, or its CheckedSamples where several plans are fitted to one recording.
     plan: stages, a TOML file of them, a function that makes them for the chain, or None for the default plan.
+    Points on balls enter as scans, one sample for each ball of each pose, see `workbench.fitting.ball_scans`.
     fit_samples, test_samples: sample numbers; what is not named for testing is fitted, and without test samples
     the held-out error is that of `folds` blocks of consecutive poses. progress: called with one line a step.
     trust_data: calibrate also where the plausibility check says that the data cannot be right.
@@ -144,6 +148,8 @@ def calibrate(
     checked = recording
     if not isinstance(recording, CheckedSamples):
         checked = check_samples(recording, trust_data, fit_samples, test_samples)
+    if checked.recording.measures == FILE_KIND:
+        checked, (fit_samples, test_samples) = weighed_scans(checked, fit_samples, test_samples)
     moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
@@ -306,7 +312,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         results,
         tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
-        _held_out_summary(held_out),
+        _held_out_summary(held_out, recording.sample_ids),
         error_summary(before.residual),
         position["fit"],
         position["held_out"],
@@ -340,10 +346,16 @@ def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiabil
     )
 
 
-def _held_out_summary(held_out: HeldOut) -> dict:
-    """Errors, folds and samples; what had to be located on the tested rows costs one number each."""
+def _held_out_summary(held_out: HeldOut, numbers: np.ndarray) -> dict:
+    """Errors, folds and samples, and those of the sample numbers (n,) that make half of the mean square.
+
+    What had to be located on the tested rows costs one number each.
+    """
     folds = len(np.unique(held_out.fold[held_out.fold >= 0]))
     counts = {"folds": folds, "samples": int((held_out.fold >= 0).sum())}
+    median = np.nanmedian(np.sqrt(held_out.squares)) if counts["samples"] else np.nan
+    carried_by = numbers[carrying_samples(held_out.position)]
+    counts |= {"median_mm": float(median), "carried_by": [int(k) for k in carried_by]}
     return (
         error_summary(held_out.residual)
         | counts

@@ -11,6 +11,7 @@ from datasets.samples.columns import joint_columns
 from datasets.samples.group_names import numbered_as
 from robot_model import load_robot
 from robot_model.measurements import measurement_of, samples_of
+from robot_model.measurements.ball_scan import file_kind
 from robot_model.system import bind
 from workbench.core.distributions import fisher
 from workbench.core.errors import InputError
@@ -19,6 +20,7 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.text.csv_text import csv_text
 from workbench.files.solution_file import CalibratedArm
+from workbench.fitting.ball_scans import as_scans
 from workbench.fitting.checked_samples import check_samples
 from workbench.fitting.cross_validation import error_summary
 from workbench.fitting.plausibility.fitting import base_and_tool, base_patterns, tool_patterns
@@ -26,6 +28,7 @@ from workbench.fitting.verdicts.verdict import Noise, Residual, Tolerance, Verdi
 from workbench.jobs.robot import evaluate_sentences as texts
 from workbench.jobs.robot.compensation.compensate import covariates_read
 from workbench.jobs.robot.compensation.model_error import noise_factor, stated_source
+from workbench.jobs.robot.fitted_range import columns_outside
 from workbench.jobs.robot.session_clock import clock_warning, is_same_recording, on_session_clock
 
 REFITS = ("none", "base", "tool", "base-and-tool")
@@ -236,7 +239,7 @@ class Evaluated:
             "command": "evaluate",
             "recording": self.recording.name,
             "calibrated_on": self.arm.keys.get("recording"),
-            "measures": self.recording.measures,
+            "measures": file_kind(self.recording.measures),
             "samples": self.recording.n,
             "refit": self.refit,
             "error": error_summary(self.residual),
@@ -280,6 +283,7 @@ def evaluate(
         raise InputError(f"recording '{recording.name}': expected samples, found none; add rows.")
     samples = numbered_as(samples_of(recording), arm.keys.get("group_names", {}))
     _check_arm(arm, samples)
+    samples = as_scans(samples)
     _check_covariates(arm, samples)
     refits_both = base_and_tool(samples)
     max_count = _count(arm, samples, refits_both)
@@ -299,7 +303,7 @@ def evaluate(
         residual,
         nominal,
         _predicted(arm, samples, arm.effects, refits_both),
-        _columns_outside(arm, samples),
+        columns_outside(arm, samples),
         _parameter_spread(arm, samples, free),
         _count(arm, samples, free),
         max_count,
@@ -456,23 +460,6 @@ def _unknown_target(samples: Recording | None, key: str) -> InputError:
         f"{where}: expected targets that the calibration knows, found that {key} has no value there; repeat with "
         "--refit tool or --refit base-and-tool, or evaluate a recording of the same targets."
     )
-
-
-def _columns_outside(arm: CalibratedArm, samples: Recording) -> tuple[str, ...]:
-    """Columns that leave the range of the calibration, with both ranges; a load that it did not have."""
-    fitted = dict(arm.fitted_range or {})
-    fitted.setdefault(_LOAD, (0.0, 0.0))
-    found = []
-    for name, (low, high) in fitted.items():
-        values = samples.columns.get(name)
-        if values is None or name in ("row", "time_s"):
-            continue
-        slack = 0.05 * (high - low)
-        if values.min() < low - slack or values.max() > high + slack:
-            found.append(
-                f"{name} ({values.min():.4g} to {values.max():.4g}, calibrated {low:.4g} to {high:.4g})"
-            )
-    return tuple(found)
 
 
 def lengths(residual: np.ndarray) -> np.ndarray:

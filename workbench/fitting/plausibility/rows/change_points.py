@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_model.measurements.ball_scan import FILE_KIND
+from robot_model.measurements.ball_surface import numbers_of_scans
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import pseudo_inverse
 from workbench.fitting.plausibility.fitting import (
@@ -79,9 +81,24 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
     if gain < _LEAST_GAIN:
         return None
     what = _what(place, recording.measures)
-    ids = ordered.sample_ids
+    before, after = _neighbours(recording, order, k)
     scale = np.sqrt(unexplained / ordered.n)
-    return ChangePoint(what, int(ids[k - 1]), int(ids[k]), gain, scale, system.shift(place, k))
+    return ChangePoint(what, before, after, gain, scale, system.shift(place, k))
+
+
+def _neighbours(recording, order, k: int) -> tuple[int, int]:
+    """Numbers of the samples before and after row k of an order; of points on balls those of the scans.
+
+    Nothing moves within a scan, so that the change is at the nearest of its ends.
+    """
+    if recording.measures != FILE_KIND:
+        ids = recording.sample_ids[order]
+        return int(ids[k - 1]), int(ids[k])
+    numbers = numbers_of_scans(recording)[order]
+    begins = np.flatnonzero(np.diff(numbers)) + 1
+    if len(begins):
+        k = begins[np.argmin(np.abs(begins - k))]
+    return int(numbers[k - 1]), int(numbers[k])
 
 
 def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
@@ -209,11 +226,9 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
     what = _what(place, recording.measures)
-    ids = ordered.sample_ids
     scale = float(max(before, after))
-    return ChangePoint(
-        what, int(ids[split]), int(ids[split + 1]), shift / max(scale, 1e-9), scale, shift
-    )
+    last_before, first_after = _neighbours(recording, order, split + 1)
+    return ChangePoint(what, last_before, first_after, shift / max(scale, 1e-9), scale, shift)
 
 
 def _fit_of(robot, recording, rows):

@@ -12,15 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.recording import ROOT, Recording
+from robot_model.robot import Robot
+from robot_model.system import bind
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
+from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import OBSERVABLE_SIGMAS
+from workbench.fitting.calibration_plans.plans import geometry, stage_mask
+from workbench.fitting.noise_scale import noise_scaled
 
 _RATIOS = np.append(0.0, np.geomspace(1e-2, 1e6, 60))
 """Variances of the arm's poses over that of points that are tried: none, and steps of a third over all magnitudes."""
-_AKAIKE = 2.0
-"""Fall of minus twice the log likelihood that one more parameter has to gain (Akaike's criterion)."""
+_FITS, _STEPS = 3, 6
+"""Fits by which the noise of the geometry's residual settles, and steps of each of them."""
+_OBSERVABLE_SIGMAS = 1e-2
+"""Sigmas by which a typical step along a direction moves all scans: one that moves them by less takes no degree."""
 
 
 def with_roots(scans: Recording, roots: np.ndarray) -> Recording:
@@ -69,7 +75,7 @@ def _likeliest_ratio(residual: _Residual) -> float:
     """Ratio t of the variances with the largest restricted likelihood; 0 where t is not worth a parameter."""
     flat = residual.columns.reshape(-1, residual.columns.shape[-1])
     left, singular, _ = thin_svd(flat)
-    basis = left[:, singular > OBSERVABLE_SIGMAS]
+    basis = left[:, singular > _OBSERVABLE_SIGMAS]
     y = residual.along.ravel()
     weights = np.repeat(residual.weights, residual.values.shape[1])
     degrees = max(weights.sum() - basis.shape[1], 1.0)
@@ -83,4 +89,28 @@ def _likeliest_ratio(residual: _Residual) -> float:
         log_determinants = weights @ np.log(growth) + np.linalg.slogdet(normal)[1]
         cost.append(log_determinants + degrees * np.log(max(squares, 1e-300)))
     best = int(np.argmin(cost))
-    return float(_RATIOS[best]) if cost[0] - cost[best] > _AKAIKE else 0.0
+    return float(_RATIOS[best]) if cost[0] - cost[best] > _cost_of_parameter(degrees) else 0.0
+
+
+def _cost_of_parameter(degrees: float) -> float:
+    """Fall of minus twice the log likelihood that a second parameter of the variances has to gain.
+
+    Akaike's criterion corrected for few degrees of freedom n (Hurvich & Tsai, Biometrika 76 (1989) 297): 2 k n /
+    (n - k - 1) for k parameters. Where too few are left, no second one is worth it.
+    """
+    if degrees <= 3:
+        return np.inf
+    return 4 * degrees / (degrees - 3) - 2 * degrees / (degrees - 2)
+
+
+def weighed(robot: Robot, scans: Recording) -> Recording:
+    """The recording of scans with the weights that the residuals of the geometry show."""
+    chain = bind(robot, scans)
+    model = Model(chain)
+    start = model.parameters
+    start = start.only(stage_mask(start, geometry(robot), (), chain))
+    for _ in range(_FITS):
+        fit = solve(model, start, "huber", _STEPS)
+        model = replace(model, chain=noise_scaled(model.chain, fit))
+        start = fit.parameters
+    return with_roots(scans, roots_next_to(model, start, roots_of(scans), fit.weights))

@@ -8,21 +8,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.recording import ROOT, SECTION, Recording
+from datasets.recording import ROOT, SCATTER, SECTION, Recording
 from datasets.samples.columns import SIGMAS
 from robot_model.chain import forward
-from robot_model.measurements.ball_scan import KIND
-from robot_model.measurements.ball_surface import BallSurface
+from robot_model.files.loading import load_robot
+from robot_model.measurements.ball_scan import FILE_KIND, KIND
+from robot_model.measurements.ball_surface import BallSurface, numbers_of_scans, scan_numbers
 from robot_model.robot import Robot
 from sensors.hand_eye.circles import fit_circles
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
-from workbench.diagnosis.levels import MAX_ROUNDS
+from workbench.fitting.checked_samples import CheckedSamples
+from workbench.fitting.scan_weights import weighed
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _OF_POINTS = ("sigma_mm", *SIGMAS)
 _FAR = 6.0  # robust standard deviations beyond which a point is not of the ball's surface
 _FEWEST = 4
+_NUMBERS = 3  # that the points of a scan determine
+_RATIO = 1.5  # of stated and shown noise, from which on they differ: no noise is known much better
+_MAX_ROUNDS = 20  # by which the points of a scan settle
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ def scans_of(robot: Robot, recording: Recording) -> Recording:
     """The recording with one row for each scan that determines its ball, in the order of their first points.
 
     recording: the moving rows, kind ball-surface. Its warnings say which scans and points are left out. The noise of
-    points is none of a scan, whose pose has errors of its own: it is unknown. Raises InputError where fewer than four
+    points is none of a scan, whose pose has errors of its own: it is unknown. The column `SCATTER` is the RMS distance
+    (mm) that the scatter of the points alone makes in each scan. Raises InputError where fewer than four
     scans determine a ball.
     """
     surface = BallSurface.of(recording)
@@ -54,13 +60,16 @@ def scans_of(robot: Robot, recording: Recording) -> Recording:
     is_usable = np.isfinite(centre[0])
     radius = surface.balls[ball, 3]
     fitted, used = _fitted(surface.measured, scan, centre, radius, is_usable)
+    scatter, points = _scatter(fitted.gap, scan, used, len(first))
     warnings = _left_out(recording, scan, first, is_usable, used)
+    warnings += _stated_otherwise(recording, scatter)
     kept = np.flatnonzero(is_usable)
     columns = _means(recording, scan, used, first)
     columns |= dict(zip(_POINT, fitted.centre)) | {SECTION: fitted.section}
     root = _square_roots(fitted.gram).reshape(-1, 9)
     columns |= dict(zip(ROOT, root.T))
-    columns |= {"sample": _numbers(recording, first), "row": first.astype(float)}
+    columns |= {SCATTER: np.sqrt(_NUMBERS / np.maximum(points, 1)) * scatter}
+    columns |= {"sample": scan_numbers(recording, first)}
     return replace(
         recording,
         measures=KIND,
@@ -80,7 +89,7 @@ def _fitted(points, scan, centre, radius, is_usable) -> tuple[_Surface, np.ndarr
     fit = _fit_profiles if is_profile else _fit_clouds
     used = of_usable
     fitted = fit(points, scan, used, centre, radius)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         near = _near_surface(fitted.gap, scan, used, of_usable)
         if (near == used).all():
             break
@@ -174,15 +183,6 @@ def _means(recording: Recording, scan, used, first) -> dict[str, np.ndarray]:
     return {name: cells for name, cells in columns.items() if name not in _OF_POINTS}
 
 
-def _numbers(recording: Recording, first) -> np.ndarray:
-    """(P,) the number of the pose of each scan where no two have the same, else 1, 2, ..."""
-    if "pose" in recording.columns:
-        numbers = recording.columns["pose"][first]
-        if len(np.unique(numbers)) == len(first):
-            return numbers
-    return np.arange(1.0, len(first) + 1)
-
-
 def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, ...]:
     """Sentences on scans and points that are left out."""
     warnings = []
@@ -201,3 +201,43 @@ def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, 
             "scan and are left out of the diagnosis."
         )
     return tuple(warnings)
+
+
+def _scatter(gap, scan, used, count) -> tuple[float, np.ndarray]:
+    """Standard deviation (mm) of the points about the fits of their scans, and (P,) the points of each scan."""
+    points = np.bincount(scan[used], minlength=count)
+    degrees = int(np.maximum(points - _NUMBERS, 0).sum())
+    return float(np.sqrt((gap[used] ** 2).sum() / max(degrees, 1))), points
+
+
+def _stated_otherwise(recording: Recording, scatter: float) -> tuple[str, ...]:
+    """A sentence where the stated noise of the points is not that which their scatter within the scans shows."""
+    if recording.sigma is None or not scatter > 0:
+        return ()
+    stated = float(np.sqrt((recording.sigma**2).mean()))
+    if 1 / _RATIO < stated / scatter < _RATIO:
+        return ()
+    return (
+        f"The stated noise of a point is {stated:.3g} mm, but the points scatter by {scatter:.3g} mm within their "
+        "scans. The scatter is used; correct sigma_mm.",
+    )
+
+
+def as_scans(samples: Recording) -> Recording:
+    """The moving rows of a recording; points on balls as scans, about the nominal arm."""
+    if samples.measures != FILE_KIND:
+        return samples
+    return scans_of(load_robot(samples.robot), samples)
+
+
+def weighed_scans(checked: CheckedSamples, *named) -> tuple[CheckedSamples, list]:
+    """Checked points of balls as scans with the weights of their geometry, and lists of sample numbers of points (or
+    None) as numbers of the scans that hold any of them."""
+    points = checked.recording
+    numbers = numbers_of_scans(points)
+    lists = [
+        None if wanted is None else np.unique(numbers[np.isin(points.sample_ids, wanted)]).tolist()
+        for wanted in named
+    ]
+    scans = scans_of(checked.robot, points)
+    return replace(checked, recording=weighed(checked.robot, scans)), lists
