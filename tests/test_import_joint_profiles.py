@@ -139,8 +139,12 @@ def with_ball_column(folder, numbers):
     path.write_text("\n".join([f"{head},ball", *rows]) + "\n")
 
 
-def test_profiles_of_several_balls_have_the_places_of_an_artefact(measured, tmp_path):
-    """The scanner sees the second ball where another pose of the base would have the first: a rotation about its axis."""
+@pytest.mark.parametrize("radius", [RADIUS, None])
+def test_profiles_of_several_balls_have_the_places_of_an_artefact(measured, tmp_path, radius):
+    """The radius may be that of the artefact's file.
+
+    The scanner sees the second ball where another pose of the base would have the first: a rotation about its axis.
+    """
     joints, profiles = measured
     numbers = np.arange(len(joints)) % 2 + 1
     rotated = joints.copy()
@@ -149,7 +153,7 @@ def test_profiles_of_several_balls_have_the_places_of_an_artefact(measured, tmp_
     sources = written(tmp_path, rotated, profiles)
     with_ball_column(tmp_path, numbers)
     artefact = artefact_table(tmp_path / "artefact.csv", [np.zeros(3), centre - BALL])
-    options = ImportOptions(robot="ur5", ball_radius_mm=RADIUS, artefact=artefact)
+    options = ImportOptions(robot="ur5", ball_radius_mm=radius, artefact=artefact)
     made = import_recording(sources, tmp_path / "out", options)
     assert not made.suspicions and set(made.recording.balls) == {1, 2}
     first = np.unique(made.recording.poses, return_index=True)[1]

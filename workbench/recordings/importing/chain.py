@@ -36,6 +36,7 @@ from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.interpretation.questions import Ask
 from workbench.recordings.importing.measured_robot import Made, import_table
 from workbench.recordings.importing.remarks import remarks_sentence, unused_sentence
+from workbench.recordings.importing.robots import read_artefact
 from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.sources.finding import Found, find_mapping, is_mapped
 from workbench.recordings.importing.sources.timed_join import ClockDecision, OffsetMode
@@ -194,6 +195,7 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
     """Sources with the centres of balls in clouds, and the recording made from them. Raises InputError."""
     if found.source.images:
         return found, import_images(found, options, folder, progress)
+    options = _with_certified_radius(found, options)
     if is_scan(found):
         return found, import_scans(found, options, progress)
     if options.ball_radius_mm is not None and not found.source.clouds:
@@ -204,6 +206,14 @@ def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
         found, suspicions = with_ball_centres(found, options, progress)
         return found, _made_of_table(found, options, progress).with_suspicions(suspicions)
     return found, _made_of_table(found, options, progress)
+
+
+def _with_certified_radius(found: Found, options):
+    """The options with the radius of the artefact's balls, where no radius is stated and all have the same one."""
+    if options.ball_radius_mm is not None or options.artefact is None or not found.source.clouds:
+        return options
+    radii = {radius for *_, radius in read_artefact(options.artefact).values()}
+    return replace(options, ball_radius_mm=radii.pop()) if len(radii) == 1 else options
 
 
 def _made_of_table(found: Found, options, progress) -> Made:
