@@ -211,7 +211,8 @@ class _Walk:
         self.origins[k] = self.origin
         self.tip[k] = self.origin + sum(axis * t for axis, t in zip(self.axes, tips[k]))
         root = self.z_origin[k] + self.z[k] * slid[k]
-        self.keep_link(k + 1, (root + self.tip[k]) / 2)
+        pivot = (root + self.tip[k]) / 2
+        self.keep_link(k + 1, pivot)
 
     def keep_link(self, place, pivot):
         if self.link is None:

@@ -33,7 +33,8 @@ def parts_like_controller(robot: Robot, maker: str) -> tuple[bool, bool]:
 
     A wrist is compared at zero readings of the arm, so that it agrees with the controller only where the arm does.
     """
-    frames = forward(robot, robot.mixing @ np.zeros((robot.mixing.shape[1], 1)))
+    variables = robot.mixing @ np.zeros((robot.mixing.shape[1], 1))
+    frames = forward(robot, variables)
     growing = frames.z[:, :, 0] * np.sign(np.diag(robot.mixing))[:, None]
     is_same = (growing * AXES[maker]).sum(1) > _ALIGNED
     points = frames.z_origin[:, :, 0]

@@ -99,7 +99,8 @@ class State:
     @cached_property
     def torque(self) -> np.ndarray:
         """(J, n) gravity torque of links and load on the drive of each joint, N m (N where prismatic)."""
-        return self._project(self.link_levers.torque + self.load_levers.torque)
+        levers = self.link_levers.torque + self.load_levers.torque
+        return self._project(levers)
 
     @cached_property
     def self_torque(self) -> np.ndarray:

@@ -61,7 +61,8 @@ def stiffness_rows(model, parameters, std) -> list[StiffnessRow]:
 
 
 def _with_change(row: StiffnessRow, change: np.ndarray) -> StiffnessRow:
-    return replace(row, centre_per_mm=float(np.linalg.norm(change)) / row.value)
+    centre_per_mm = float(np.linalg.norm(change)) / row.value
+    return replace(row, centre_per_mm=centre_per_mm)
 
 
 def _moved_by_centre(model, parameters) -> dict[str, np.ndarray]:

@@ -55,7 +55,9 @@ class RepeatedStep:
 
     def name_of(self, name: str) -> str:
         """Name of a parameter, with the number of a repeated step."""
-        return name if self.occurrence is None else f"{name}_{self.occurrence}"
+        if self.occurrence is None:
+            return name
+        return f"{name}_{self.occurrence}"
 
 
 class Shift(RepeatedStep, AfterInstant, Effect):

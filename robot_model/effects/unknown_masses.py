@@ -91,7 +91,8 @@ def _moments_of_bars(state, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     bars = _bars(state.frames)
     used = shares > _NO_BAR_MM
     if not used.any():
-        return np.zeros((0, 3, state.n)), np.zeros(0)
+        unit_moments = np.zeros((0, 3, state.n))
+        return unit_moments, np.zeros(0)
     lengths = np.linalg.norm(bars[used], axis=1, keepdims=True)
     if state.robot.prismatic.any():
         lengths = bar_lengths(state.robot)[used, None, None]
@@ -174,7 +175,10 @@ def _unit_moment(robot: Robot, frames, gravity, first: int, body: int, axis: int
     Axis 3: of a unit mass times the arm's length, at the origin of the frame after the body's joint, about a point on
     the axis of joint `first` (from 0).
     """
-    direction = frames.link[body + 1][axis] if axis < 3 else None
+    if axis < 3:
+        direction = frames.link[body + 1][axis]
+    else:
+        direction = None
     if direction is None:
         direction = (frames.origin[body] - frames.z_origin[first]) / _reach(robot)
     return cross(direction, np.broadcast_to(gravity[:, None], direction.shape))
@@ -184,7 +188,8 @@ def _name_of_moment(body: int, axis: int) -> tuple[str, str]:
     """Name and description of a first moment, or of a mass that a slide carries."""
     if axis == 3:
         return f"link{body + 1}_mass", f"mass at link {body + 1}"
-    return f"link{body + 1}_{'xyz'[axis]}", f"first moment of link {body + 1} along {'xyz'[axis]}"
+    moment_label = f"first moment of link {body + 1} along {'xyz'[axis]}"
+    return f"link{body + 1}_{'xyz'[axis]}", moment_label
 
 
 def _of_bars(kind, chain, label: str = "") -> list[Variant]:

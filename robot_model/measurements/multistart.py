@@ -295,7 +295,8 @@ class _Reduced:
 
     def _products(self, rotations: np.ndarray) -> np.ndarray:
         """(S, 3 K + 1, 3 K + 1) inner products of the columns of the Jacobian (rad) and, last, of the residual."""
-        return _inner_products(self._linear[None], self.rows[None, None, :, -1], rotations)
+        right = self.rows[None, None, :, -1]
+        return _inner_products(self._linear[None], right, rotations)
 
     def _second_order(self, rotations: np.ndarray) -> np.ndarray:
         """(S, 3 K, 3 K) second derivatives of the residual, weighted by the residual.
@@ -352,10 +353,11 @@ class _Descent:
         tried = products_at(moved)
         cost = self.products[:, -1, -1]
         accepted = tried[:, -1, -1] < cost
+        damping = np.where(accepted, self.damping / 10, np.minimum(self.damping * 10, 1e6))
         after = _Descent(
             np.where(accepted[:, None, None, None], moved, self.rotations),
             np.where(accepted[:, None, None], tried, self.products),
-            np.where(accepted, self.damping / 10, np.minimum(self.damping * 10, 1e6)),
+            damping,
         )
         length = np.abs(move).max(1)
         is_flat = (expected < _FLAT * cost) | (length < _FLAT_RAD)

@@ -107,11 +107,13 @@ class Parameters:
 
     def free(self, *patterns: str) -> "Parameters":
         """The same with the matching ones free."""
-        return replace(self, mask=self.mask | self.matching(*patterns))
+        mask = self.mask | self.matching(*patterns)
+        return replace(self, mask=mask)
 
     def fix(self, *patterns: str) -> "Parameters":
         """The same with the matching ones fixed at their present value."""
-        return replace(self, mask=self.mask & ~self.matching(*patterns))
+        mask = self.mask & ~self.matching(*patterns)
+        return replace(self, mask=mask)
 
     def only(self, mask: np.ndarray) -> "Parameters":
         """The same with exactly the True ones of `mask` (P,) free."""
@@ -141,7 +143,8 @@ class Parameters:
         """
         effect = np.array([key.count(".") > 1 for key in self.keys], bool)
         is_null = self.mask & effect & (self.values == self.nulls)
-        return replace(self, values=np.where(is_null, self.nulls + self.typical / 3, self.values))
+        values = np.where(is_null, self.nulls + self.typical / 3, self.values)
+        return replace(self, values=values)
 
     def take_over(self, other: "Parameters") -> "Parameters":
         """Values and mask of `other` for the keys that both have."""

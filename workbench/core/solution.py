@@ -53,7 +53,8 @@ class Stage:
         """The stage with the effects that it chooses on the samples of a fitted model."""
         if self.choose is None:
             return self
-        return replace(self, effects=(*self.effects, *self.choose(model, parameters)), choose=None)
+        effects = (*self.effects, *self.choose(model, parameters))
+        return replace(self, effects=effects, choose=None)
 
 
 @dataclass(frozen=True)

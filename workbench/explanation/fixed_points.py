@@ -113,9 +113,8 @@ def fixed_points(recording, bench, terms: Sequence[Term]) -> FixedPoints | None:
     first, last = (moved[:, end] for end in ends)
     std = np.sqrt(first.var(1, ddof=1) / first.shape[1] + last.var(1, ddof=1) / last.shape[1])
     found, error = _predicted(bench, terms, points, time, ends)
-    return FixedPoints(
-        tuple(int(k) for k in np.unique(ids)), last.mean(1) - first.mean(1), std, found, error
-    )
+    measured = last.mean(1) - first.mean(1)
+    return FixedPoints(tuple(int(k) for k in np.unique(ids)), measured, std, found, error)
 
 
 def _clock_of(poses, moving, bench) -> tuple[np.ndarray, np.ndarray]:

@@ -212,7 +212,8 @@ def change_test(values: np.ndarray) -> ChangeTest:
     best = np.unravel_index(np.argmax(largest), largest.shape)
     z = float(largest[best])
     p = min(2 * norm.sf(z) * largest.size, 1.0)
-    return ChangeTest(int(places[best[1]]), float(p), max(z**2 - 1, 0.0) / (n * len(values)))
+    share = max(z**2 - 1, 0.0) / (n * len(values))
+    return ChangeTest(int(places[best[1]]), float(p), share)
 
 
 @dataclass(frozen=True)
@@ -245,7 +246,8 @@ def regression_test(
     remaining_variance = max(total - explained, 1e-300) / second
     f = explained / first / remaining_variance
     share = 1 - remaining_variance / (total / (first + second))
-    return RegressionTest(float(f), float(fisher.sf(f, first, second)), float(max(share, 0.0)))
+    p_value = float(fisher.sf(f, first, second))
+    return RegressionTest(float(f), p_value, float(max(share, 0.0)))
 
 
 def _orthonormal(columns: np.ndarray, size: float | None = None) -> np.ndarray:

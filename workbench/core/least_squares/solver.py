@@ -140,7 +140,8 @@ class _WhitenedRows:
 
     def equations(self, white: np.ndarray) -> Equations:
         """With the whitened residual (m n,)."""
-        return Equations(self.factor**2 * (self.flat @ self.flat.T), self.gradient(white))
+        normal = self.factor**2 * (self.flat @ self.flat.T)
+        return Equations(normal, self.gradient(white))
 
 
 def huber(z: np.ndarray, limit: float) -> np.ndarray:

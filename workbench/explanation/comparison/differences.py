@@ -156,7 +156,8 @@ def _projected(
     is_candidate = np.isin(keys, candidates)
     orthogonal, remaining = _cleared(columns[~is_candidate], columns[is_candidate], white)
     names = [key for key, is_wanted in zip(keys, is_candidate) if is_wanted]
-    return names, orthogonal, remaining, white.size - int((~is_candidate).sum())
+    degrees = white.size - int((~is_candidate).sum())
+    return names, orthogonal, remaining, degrees
 
 
 def _cleared(always, columns, white) -> tuple[np.ndarray, np.ndarray]:

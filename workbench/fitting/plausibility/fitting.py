@@ -168,7 +168,8 @@ def model_at(robot, recording, values=None) -> tuple[Model, Parameters]:
     start = np.concatenate([values[:base], values[base + 5 * robot.joints :]])
     chain = bind(robot, recording, start)
     model = Model(chain)
-    return model, replace(model.parameters, values=np.array(values, float))
+    parameters = replace(model.parameters, values=np.array(values, float))
+    return model, parameters
 
 
 def nominal_scale(robot, recording) -> float:

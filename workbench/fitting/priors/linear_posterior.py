@@ -105,7 +105,8 @@ class Posterior:
     def next_noise(self, noise: float) -> float:
         """Variance of the residuals about the solution that the variance `noise` leads to."""
         degrees_used = self._linear.eliminated + (1 - self._shrinkage(noise)).sum()
-        return self._squares(self._step(noise)) / max(self._linear.count - degrees_used, 1.0)
+        squares = self._squares(self._step(noise))
+        return squares / max(self._linear.count - degrees_used, 1.0)
 
     def evidence(self, starts: Sequence[float]) -> float:
         """Log evidence, up to a constant, at the best variance of the residuals that is reached from some starts."""

@@ -72,7 +72,8 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
         grown = held_out[f"expected_{unit}"] / held_out[f"noise_{unit}"]
         expected = replace(expected, expected=expected.value * grown)
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=is_above)
-    return DiagnosisCheck(judge(error, expected, tolerances, _advice(diagnosis, noise)), noise)
+    verdict = judge(error, expected, tolerances, _advice(diagnosis, noise))
+    return DiagnosisCheck(verdict, noise)
 
 
 def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:

@@ -135,5 +135,6 @@ def _estimates(robot, recording, fit: Fit) -> dict[str, _Estimate]:
         if name.endswith("_deg"):
             cycle = linear.solved(linear.readings[k], np.stack([np.cos(reading), np.sin(reading)]))
         is_sinusoidal = cycle is not None and float(cycle[0] @ cycle[1] @ cycle[0]) > gain
-        found[name] = _Estimate(float(change[0]), float(information[0, 0] ** -0.5), is_sinusoidal)
+        std = float(information[0, 0] ** -0.5)
+        found[name] = _Estimate(float(change[0]), std, is_sinusoidal)
     return found

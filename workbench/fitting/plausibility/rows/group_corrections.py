@@ -135,7 +135,8 @@ def copied_readings(robot, recording, fit: Fit, rows, limit: float) -> Reason | 
     if is_copy.mean() <= _LEAST_SHARE or len(poses) < _LEAST_ROWS:
         return None
     ids = recording.sample_ids
-    copies, originals = ids[rows[is_copy]], ids[sources[is_copy]]
+    copies = ids[rows[is_copy]]
+    originals = ids[sources[is_copy]]
     return Reason(
         f"samples {copies[0]} to {copies[-1]} hold the joint readings of samples {originals[0]} to {originals[-1]}, "
         "with other measurements: a block of readings was pasted twice",
@@ -161,7 +162,10 @@ def held_measurements(robot, recording, fit: Fit, rows, limit: float) -> Reason 
         return None
     ids = recording.sample_ids
     pairs = [f"{ids[k]} (that of {ids[sources[k]]})" for k in repeating[:_NAMED]]
-    remainder = f" and {len(repeating) - _NAMED} more" if len(repeating) > _NAMED else ""
+    if len(repeating) > _NAMED:
+        remainder = f" and {len(repeating) - _NAMED} more"
+    else:
+        remainder = ""
     return Reason(
         f"they repeat an earlier measurement digit for digit, at other joint readings: samples {', '.join(pairs)}"
         f"{remainder}; the instrument held its last value, or cells were copied",

@@ -110,7 +110,8 @@ def _solved(
         )
         best = (residuals**2).sum(1).argmin(0)
         columns = np.arange(selection.recording.n)
-        values, residual = np.asarray(grid, float)[best], residuals[best, :, columns].T
+        values = np.asarray(grid, float)[best]
+        residual = residuals[best, :, columns].T
         for _ in range(_STEPS):
             slope = (row_residual(robot, moved(values + _SMALL), fit) - residual) / _SMALL
             step = -(residual * slope).sum(0) / np.maximum((slope**2).sum(0), 1e-12)
@@ -195,7 +196,8 @@ def _of_readings(recording, rows, name: str, solved: _Solved, fits: np.ndarray) 
 
 def _pattern(values: np.ndarray, rows, recording) -> str:
     """What the values (n,) of a column look like in some rows; "" where nothing stands out."""
-    first, last = int(rows[0]), int(rows[-1])
+    first = int(rows[0])
+    last = int(rows[-1])
     block = values[first : last + 1]
     ids = recording.sample_ids
     where = f"from sample {ids[first]} to {ids[last]}"
