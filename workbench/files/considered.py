@@ -65,7 +65,8 @@ def read_considered(keys: Mapping | None) -> Considered | None:
     recorded = float(keys["recorded_rms_mm"])
     if not recorded >= 0:
         raise ValueError("recorded_rms_mm")
-    return Considered(tuple(_read_model(model) for model in keys["models"]), recorded)
+    models = tuple(_read_model(model) for model in keys["models"])
+    return Considered(models, recorded)
 
 
 def _read_model(keys: Mapping) -> ConsideredModel:

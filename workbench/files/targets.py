@@ -57,8 +57,13 @@ def read_programme(path: Path, robot: Robot, mapping: Path | None = None) -> Pro
     stated = None if mapping is None else read_mapping(mapping)
     tables = read_targets(path, sliding(robot).tolist(), stated)
     programmes = [_programme(path, table, robot) for table in tables]
-    programme = programmes[0] if len(programmes) == 1 else _joined(*programmes, robot)
-    return programme if stated is None else replace(programme, controller=stated.controller)
+    if len(programmes) == 1:
+        programme = programmes[0]
+    else:
+        programme = _joined(*programmes, robot)
+    if stated is None:
+        return programme
+    return replace(programme, controller=stated.controller)
 
 
 def _programme(path: Path, table: Table, robot: Robot) -> Programme:
@@ -75,11 +80,15 @@ def _programme(path: Path, table: Table, robot: Robot) -> Programme:
         )
     if not joints and not wants:
         raise _unknown_columns(path.name, table.columns, robot)
-    readings = (
-        _readings(table, joints, robot) if joints else np.tile(_home(robot), (len(table.rows), 1))
-    )
+    if joints:
+        readings = _readings(table, joints, robot)
+    else:
+        readings = np.tile(_home(robot), (len(table.rows), 1))
     known = {"sample", *joints, *POINT, *QUATERNION}
-    covariates = {k: v for k, v in table.columns.items() if k not in known and v.dtype.kind == "f"}
+    covariates = {}
+    for k, v in table.columns.items():
+        if k not in known and v.dtype.kind == "f":
+            covariates[k] = v
     _check_covariates(table, covariates)
     return Programme(
         table, readings, _poses(table) if wants else None, covariates, anywhere=not joints

@@ -55,7 +55,8 @@ def check_urdf(arm: CalibratedArm, text: str) -> None:
     else:
         variables = readings @ arm.robot.mixing.T
     expected_poses = _flanges(arm.robot, variables, calibrated_geometry(arm))
-    if np.abs(_flanges(reread, readings @ reread.mixing.T) - expected_poses).max() > _SAME_MM:
+    flanges = _flanges(reread, readings @ reread.mixing.T)
+    if np.abs(flanges - expected_poses).max() > _SAME_MM:
         raise _Differs("the URDF read back puts the flange elsewhere")
     _check_limits(arm, reread)
 
@@ -72,7 +73,8 @@ def _check_limits(arm: CalibratedArm, reread) -> None:
         return
     units = np.where(slides, 1.0, np.pi / 180)
     ends = np.array([ranges[name] for name in names]) * units[:, None]
-    allowed = np.where(np.isnan(arm.robot.limits), ends, arm.robot.limits)
+    limits = arm.robot.limits
+    allowed = np.where(np.isnan(limits), ends, limits)
     low, high = np.clip(ends, allowed[:, :1], allowed[:, 1:]).T
     forms = arm.robot.mixing * joint_signs(arm.robot)[:, None]
     lowest = np.maximum(forms, 0) @ low + np.minimum(forms, 0) @ high
@@ -178,10 +180,11 @@ def check_patched_program(
                 shutil.copyfile(half, copy.with_name(half.name))
         copy.write_bytes(content)
         reread = read_programme(copy, arm.robot, mapping)
-    expected_poses = _flanges(arm.robot, readings @ arm.robot.mixing.T)
+    mixing = arm.robot.mixing
+    expected_poses = _flanges(arm.robot, readings @ mixing.T)
     found = reread.poses
     if found is None:
-        found = _flanges(arm.robot, reread.readings @ arm.robot.mixing.T)
+        found = _flanges(arm.robot, reread.readings @ mixing.T)
     allowed = _FANUC_MM if path.suffix.lower() == ".ls" else _PROGRAM_MM
     if (
         found.shape != expected_poses.shape

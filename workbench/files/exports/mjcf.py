@@ -70,16 +70,18 @@ def mjcf(arm: CalibratedArm) -> str:
     ET.SubElement(custom, "text", name=TERMS, data=json.dumps(terms(arm)))
     world = ET.SubElement(root, "worldbody")
     found = compliances_of(arm)
-    parent = _pedestal(world, found.pedestal, arm.robot.base)
+    base = arm.robot.base
+    parent = _pedestal(world, found.pedestal, base)
     servos = ET.Element("actuator")
     before, after = around_joints(arm)
-    frame = np.eye(4) if any(found.pedestal) else arm.robot.base
-    onward = [*before[1:], arm.robot.flange]
+    frame = np.eye(4) if any(found.pedestal) else base
+    flange = arm.robot.flange
+    onward = [*before[1:], flange]
     for k in range(arm.robot.joints):
         tip = (after[k] @ onward[k])[:3, 3]
         parent, frame = _link(parent, frame @ before[k], (k, tip), arm, found, after[k])
         _servo(servos, arm.robot, k, _stiffness(arm.robot, k, found))
-    _flange(parent, frame @ arm.robot.flange, arm)
+    _flange(parent, frame @ flange, arm)
     root.append(servos)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -150,8 +152,9 @@ def _of_kind(arm: CalibratedArm, kind: type[Effect]) -> list:
 
 def gravity_of(arm: CalibratedArm) -> np.ndarray:
     """(3,) m/s^2 in the root frame, with the calibrated tilt of the mount."""
-    direction = arm.robot.gravity.copy()
-    transverse = np.linalg.svd(arm.robot.gravity[None])[2][1:]
+    gravity = arm.robot.gravity
+    direction = gravity.copy()
+    transverse = np.linalg.svd(gravity[None])[2][1:]
     for effect in _of_kind(arm, elastic.MountTilt):
         direction += _values(arm, effect, "tilt_1", "tilt_2") @ transverse
     return STANDARD_GRAVITY * direction

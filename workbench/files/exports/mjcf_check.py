@@ -48,7 +48,8 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
     ]
     model = CorrectedArm(arm_data(arm), expected_effects, expected_effects)
     expected_poses = model.flange_poses(readings, {_LOAD: load})[:, :3, 3]
-    rigid = CorrectedArm(arm_data(arm), (), ()).flange_poses(readings)[:, :3, 3]
+    corrected_arm = CorrectedArm(arm_data(arm), (), ())
+    rigid = corrected_arm.flange_poses(readings)[:, :3, 3]
     targets = CorrectedArm(arm_data(arm), expected_effects, expected_effects).servo_targets(
         readings, {_LOAD: load}
     )

@@ -91,7 +91,10 @@ def read_program(text: str, language: str, slides: Sequence[bool] = ()) -> np.nd
     found = np.array(rows).reshape(-1, len(is_slide))
     readings = np.empty_like(found)
     axes = found[:, :_AXES]
-    readings[:, ~is_slide] = np.deg2rad(axes) if unit == "deg" else axes
+    if unit == "deg":
+        readings[:, ~is_slide] = np.deg2rad(axes)
+    else:
+        readings[:, ~is_slide] = axes
     readings[:, is_slide] = found[:, _AXES:]
     return readings
 

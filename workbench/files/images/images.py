@@ -57,7 +57,8 @@ def full_scale(recording, rows: Sequence[Mapping]) -> int | None:
     """
 
     def counts(row):
-        return Counts.of(read_grey(path_of(recording, row), f"{recording.name}/{row['image']}"))
+        grey = read_grey(path_of(recording, row), f"{recording.name}/{row['image']}")
+        return Counts.of(grey)
 
     if (
         not rows

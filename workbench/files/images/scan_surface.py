@@ -18,14 +18,16 @@ def reconstructed(scanner: Scanner, pixels, steps, covariates, radii) -> tuple[n
     """
     asking = [effect.title for effect, _ in scanner.effects if effect.surface]
     if not asking:
-        return scanner.reconstruct(pixels, steps, covariates), ""
+        local = scanner.reconstruct(pixels, steps, covariates)
+        return local, ""
     scanner_without_effects = replace(
         scanner, effects=tuple(row for row in scanner.effects if not row[0].surface)
     )
     points = scanner_without_effects.reconstruct(pixels, steps, covariates)
     normals, ball = on_balls(points, radii, steps)
     message = f"{', '.join(asking)} taken off the {np.count_nonzero(ball)} of {len(ball)} points that lie on balls"
-    return scanner.reconstruct(pixels, steps, covariates, normals, ball), message
+    local = scanner.reconstruct(pixels, steps, covariates, normals, ball)
+    return local, message
 
 
 def on_balls(points: np.ndarray, radii, steps=None) -> tuple[np.ndarray, np.ndarray]:

@@ -240,11 +240,12 @@ def calibrate_chunks(
 
 def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]) -> Stream:
     """All samples under the model that the thinned ones chose, with the sigma that they honestly have."""
-    if any(effect.port == NOISE for effect in thin.model.effects):
+    effects = thin.model.effects
+    if any(effect.port == NOISE for effect in effects):
         raise InputError(
             "plan: expected no effect on the noise for a calibration in chunks, found one; take it out"
         )
-    by_moves = [effect.effect for effect in thin.model.effects if effect.by_moves]
+    by_moves = [effect.effect for effect in effects if effect.by_moves]
     if by_moves:
         raise InputError(
             f"plan: expected no effect of the last moves for a calibration in chunks, which sees no "
@@ -253,9 +254,7 @@ def stream_of(chunks: Chunks, thin: Calibration, progress: Callable[[str], None]
     chain = thin.model.chain
     stated = 0 * chain.stated_sigma if chain.sigma_unknown else chain.stated_sigma
     extra = np.median(chain.sigma**2 - stated**2, axis=1)
-    return Stream(
-        chunks, thin.robot, chain.start, thin.model.effects, extra, paced(progress, "sample")
-    )
+    return Stream(chunks, thin.robot, chain.start, effects, extra, paced(progress, "sample"))
 
 
 def _wanted(thin: Calibration, stream: Stream) -> Parameters:

@@ -319,8 +319,9 @@ def write_poses(chosen: Chosen, folder: Path) -> Path:
     from workbench.files.runs import replace_file
 
     sample, times = np.unique(np.array(chosen.samples), return_counts=True)
-    place = np.searchsorted(sample, chosen.recording.sample_ids).clip(max=len(sample) - 1)
-    counts = np.where(sample[place] == chosen.recording.sample_ids, times[place], 0)
+    sample_ids = chosen.recording.sample_ids
+    place = np.searchsorted(sample, sample_ids).clip(max=len(sample) - 1)
+    counts = np.where(sample[place] == sample_ids, times[place], 0)
     rows = _in_rounds(counts)
     joints = joint_columns(chosen.recording.columns)
     named = [

@@ -165,7 +165,8 @@ def _check(points: np.ndarray, name: str) -> None:
 def _aligned(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """(4, 4) closed-form least-squares transform of matched points."""
     middle, aim = source.mean(0), target.mean(0)
-    turn = nearest_rotation((target - aim).T @ (source - middle))
+    matrix = (target - aim).T @ (source - middle)
+    turn = nearest_rotation(matrix)
     return transform(turn, aim - turn @ middle)
 
 

@@ -208,7 +208,8 @@ def _poses(scene: Scene, robot: Robot, rng, path) -> tuple[np.ndarray, np.ndarra
     limits = _limits(robot, scene.share_of_limits)
     if scene.measures != "ball-centre":
         joints = rng.uniform(*limits.T, size=(scene.samples, len(limits)))
-        return joints, np.arange(scene.samples) % len(scene.reflectors) + 1
+        target = np.arange(scene.samples) % len(scene.reflectors) + 1
+        return joints, target
     if not scene.balls:
         raise InputError(
             f"scene {path}, key balls: a ball-centre scene needs at least one [x, y, z, radius], found none"

@@ -233,8 +233,9 @@ def _canonical(model, trial: Fit, wanted: Parameters, root: Sequence[str]):
     series stay: their common prior decides what the data determine. root: keys that place the root frame, to be held.
     """
     shrunk = model.shrunk
-    others = trial.parameters.only(trial.parameters.mask & ~shrunk)
-    chosen = others.mask[trial.parameters.mask]
+    mask = trial.parameters.mask
+    others = trial.parameters.only(mask & ~shrunk)
+    chosen = others.mask[mask]
     is_known = trial.gradient is not None
     if is_known:
         normal = trial.normal[np.ix_(chosen, chosen)]
@@ -243,7 +244,7 @@ def _canonical(model, trial: Fit, wanted: Parameters, root: Sequence[str]):
     redundant = redundant_geometry(model.chain.robot)
     free, tied = independent(normal, others, redundant=redundant)
     tied = {key: [ROOT[key]] for key in root} | tied
-    free = free.only((free.mask & ~np.isin(free.keys, root)) | (shrunk & trial.parameters.mask))
+    free = free.only((free.mask & ~np.isin(free.keys, root)) | (shrunk & mask))
     values = np.where(free.mask, trial.parameters.values, wanted.values)
     return replace(free, values=values), tied
 

@@ -53,7 +53,8 @@ def calibrate(recording: Recording, model: str, progress: Callable[[str], None])
     except InputError as problem:
         raise _with_reason(problem, found) from None
     model = model if calibration.choice is None else calibration.choice.chosen
-    return CameraRun(recording, model, calibration, (*found.rejected, *calibration.rejected))
+    rejected = (*found.rejected, *calibration.rejected)
+    return CameraRun(recording, model, calibration, rejected)
 
 
 def _with_reason(problem: InputError, found) -> InputError:
@@ -249,7 +250,8 @@ def read_stated(path: Path) -> tuple[Camera, np.ndarray | None]:
     states none. Raises InputError."""
     inner = _camera_keys(path)
     camera = camera_from_keys(inner, str(path))
-    return camera, covariance_from_keys(inner, camera, str(path))
+    covariance = covariance_from_keys(inner, camera, str(path))
+    return camera, covariance
 
 
 def read_trust(path: Path) -> Trust | None:

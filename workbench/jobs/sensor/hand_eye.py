@@ -144,7 +144,8 @@ def calibrate(
         reviewed=review,
         conditions=_conditions(recording, views, rows),
     )
-    hand_eye = replace(hand_eye, notes=(*hand_eye.notes, *_on_camera(camera, source)))
+    notes = (*hand_eye.notes, *_on_camera(camera, source))
+    hand_eye = replace(hand_eye, notes=notes)
     return HandEyeRun(
         recording,
         hand_eye,

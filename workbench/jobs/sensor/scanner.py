@@ -235,9 +235,10 @@ class _Work:
         rejected = []
         profiles = []
         for stack in stacks(paths, _FRAMES, called.get):
-            background = (
-                dark if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype else None
-            )
+            if dark.shape == stack.shape[1:] and dark.dtype == stack.dtype:
+                background = dark
+            else:
+                background = None
             if stack.shape[1:] != region.shape:
                 raise InputError(
                     f"{called[paths[first]]}: expected {view.size[0]} x {view.size[1]} px as the board's "
@@ -278,9 +279,10 @@ def _profiles(stack, found, background) -> Profiles:
 def _board_stripes(found, rows, placement) -> BoardStripes:
     """Stripes with what images.csv says of their images."""
     names = recorded_columns(rows)
-    angles = (
-        [row["mirror_deg"] for row in rows] if all("mirror_deg" in row for row in rows) else None
-    )
+    if all("mirror_deg" in row for row in rows):
+        angles = [row["mirror_deg"] for row in rows]
+    else:
+        angles = None
     covariates = {name: [row[name] for row in rows] for name in names}
     return BoardStripes.of(
         found,
@@ -403,7 +405,9 @@ def _on_unseen(run: ScannerRun) -> list[str]:
 def _plane_sigmas(calibration) -> list[float | None]:
     """mm, 1 sigma of each plane in the frame that fits best; None where such a frame takes up all of it."""
     alone = calibration.sigma_stated_mm is calibration.sigma_plane_mm
-    return [None] * len(calibration.scanner.steps) if alone else calibration.sigma_apart_mm.tolist()
+    if alone:
+        return [None] * len(calibration.scanner.steps)
+    return calibration.sigma_apart_mm.tolist()
 
 
 def shared_json(calibration: ScannerCalibration) -> dict:

@@ -156,7 +156,8 @@ def _larger(position, rotation) -> np.ndarray:
 
 def nominal_poses(robot: Robot, readings: np.ndarray) -> np.ndarray:
     """(n, 4, 4) T_root_flange of the nominal arm at readings (n, R)."""
-    frames = forward(robot, robot.mixing @ np.asarray(readings, float).T)
+    variables = robot.mixing @ np.asarray(readings, float).T
+    frames = forward(robot, variables)
     return transform(flange_matrices(frames), frames.end_origin.T)
 
 
@@ -280,7 +281,8 @@ def _reading_step(model, arm, task) -> tuple[np.ndarray, np.ndarray]:
     """(n, R) change of the readings that makes the deviation, and (n,) mm: what of it the joints can move."""
     if not task.is_deficient:
         residual, distance = _pose_deviation(model, arm)
-        return least_squares(arm.robot.mixing, _step(model, arm, residual)).T, distance
+        step = least_squares(arm.robot.mixing, _step(model, arm, residual)).T
+        return step, distance
     frames = model.evaluate(_parameters(model, arm)).frames
     deviation = _deviation(model, arm, task)
     return task_priority.joint_part(arm.robot, frames, deviation, task, _reading_weights(arm))
@@ -361,7 +363,8 @@ def search_readings(robot, start, target, task):
         found = found - np.clip(step, -0.3 * _reach(robot), 0.3 * _reach(robot))
     found = _turned_back(robot, best)
     movable = _reading_step(model_at(bare, found, target, None), bare, task)[1]
-    return found, (movable < 1e-2) & _is_within_limits(robot, found)
+    is_reached = (movable < 1e-2) & _is_within_limits(robot, found)
+    return found, is_reached
 
 
 def _turned_back(robot, readings):

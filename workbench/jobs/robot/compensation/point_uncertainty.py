@@ -106,7 +106,8 @@ def position_derivative(
         keys += turned
         rows = np.concatenate([rows, np.array([*turned.values()]).reshape(-1, *rows.shape[1:])])
     order = [arm.free.index(key) for key in keys]
-    return rows, _covariance_given_frame(arm)[np.ix_(order, order)], parameters
+    covariance = _covariance_given_frame(arm)[np.ix_(order, order)]
+    return rows, covariance, parameters
 
 
 def seen_point(arm: CalibratedArm) -> np.ndarray | None:

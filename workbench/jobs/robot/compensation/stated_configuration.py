@@ -120,7 +120,8 @@ def _signs_of_sides(robot: Robot, signs: np.ndarray) -> np.ndarray:
 
     signs (6,): senses of the readings of the controller relative to those of the robot file.
     """
-    axes = forward(robot, np.zeros((_JOINTS, 1))).z[:, :, 0]
+    frames = forward(robot, np.zeros((_JOINTS, 1)))
+    axes = frames.z[:, :, 0]
     growing = np.diag(robot.mixing) * signs
     # the wrist in the direction in which growing readings of joint 2 lean the arm, seen from axis 1
     lean_sign = axes[0, 2] * growing[1]

@@ -139,7 +139,8 @@ def _nearest(robot, poses_at, start: np.ndarray, wanted: np.ndarray):
 def _distances(error: np.ndarray) -> tuple[float, float]:
     """Distance, mm, and angle, deg, of an error (6,) of `_nearest`."""
     degrees = np.rad2deg(np.linalg.norm(error[3:]) / LEVER_MM)
-    return float(np.linalg.norm(error[:3])), float(degrees)
+    distance = float(np.linalg.norm(error[:3]))
+    return distance, float(degrees)
 
 
 def left_by_joints(arm: CalibratedArm, found) -> list[str]:
