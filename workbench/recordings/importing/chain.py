@@ -188,7 +188,11 @@ def _movable(mapping: Mapping, folder: Path) -> Mapping:
     if not robot_files:
         return mapping
     _, tip = file_and_tip(mapping.robot)
-    return replace(mapping, robot=robot_files[0] if tip is None else f"{robot_files[0]}#{tip}")
+    if tip is None:
+        robot = robot_files[0]
+    else:
+        robot = f"{robot_files[0]}#{tip}"
+    return replace(mapping, robot=robot)
 
 
 def _made(found: Found, options, folder: Path, progress) -> tuple[Found, Made]:
@@ -309,12 +313,13 @@ def never_read(found: Found, mapping: Mapping, with_times: bool) -> tuple[str, .
     """Columns that no quantity, time, join or image name was read from; with_times: whether the recording has times."""
     if found.table is None:
         return found.unused
-    read = {found.mapping.join.key, SESSION, *file_columns(found)}
-    if with_times or found.mapping.join.by == "time":
+    join = found.mapping.join
+    read = {join.key, SESSION, *file_columns(found)}
+    if with_times or join.by == "time":
         read |= set(time_columns(found.table))
     # a column that several tables have is named "table: column"
     names_of_columns = {name: name.rpartition(": ")[2] for name in found.unused}
-    if found.mapping.join.by == "time":
+    if join.by == "time":
         read |= {
             name for name, column in names_of_columns.items() if read_header(column).kind == "time"
         }

@@ -48,7 +48,8 @@ def inspect_hand_eye(recording: Recording, detection, progress) -> HandEyePlausi
         rows = rows_of_samples(recording, [view.row["sample"] for view in views])
         flange = flange_poses(recording)[rows]
     except InputError as problem:
-        return HandEyePlausibility(((str(problem).rstrip("."), "correct the recording", True),))
+        findings = ((str(problem).rstrip("."), "correct the recording", True),)
+        return HandEyePlausibility(findings)
     names = [view.image for view in views]
     early = [*_equal(flange, views, names), *_rotations(flange, _kind(recording))]
     if any(certain for _, _, certain in early):
@@ -71,7 +72,8 @@ def inspect_target_poses(recording: Recording) -> HandEyePlausibility:
         return HandEyePlausibility(((str(problem).rstrip("."), "correct the recording", True),))
     review = review_target_poses(poses.flange, poses.data, kind, names)
     found = [*_rotations(poses.flange, kind), *_outliers(review, names)]
-    return HandEyePlausibility((*found, *(_finding(finding) for finding in review.findings)))
+    findings = (*found, *(_finding(finding) for finding in review.findings))
+    return HandEyePlausibility(findings)
 
 
 def _kind(recording: Recording) -> str:
@@ -120,7 +122,8 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
         )
         review = review_recording(seen, progress)
     except InputError as problem:
-        return HandEyePlausibility((*early, (str(problem).rstrip("."), "correct it", False)))
+        findings = (*early, (str(problem).rstrip("."), "correct it", False))
+        return HandEyePlausibility(findings)
     board_seen = _board_poses(views, detection.board, camera.camera, flange, _kind(recording))
     at_middle = board_seen @ transform(np.eye(3), detection.board.middle)
     motions = relative_motions(flange, at_middle, _kind(recording))

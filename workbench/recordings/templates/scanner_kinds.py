@@ -91,7 +91,8 @@ def _on_robot(scene: Scene, sensor: np.ndarray, scans: list[int], folder, progre
     """
     rng = np.random.default_rng((scene.seed, 9))
     boards = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
-    boards = transform(rotation_matrix(boards[:, 3:]), boards[:, :3])
+    rotation = rotation_matrix(boards[:, 3:])
+    boards = transform(rotation, boards[:, :3])
     flange = np.concatenate([_BOARD @ inverse(boards), sensor]) @ inverse(HAND_EYE)
     columns = {"sample": np.arange(1.0, len(flange) + 1), **flange_columns(flange, rng)}
     count = len(boards)
@@ -170,7 +171,8 @@ def _turntable(folder: Path, progress, seed: int) -> Example:
         balls=[list(ball) for ball in _TABLE_BALLS],
     )
     poses = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
-    poses = transform(rotation_matrix(poses[:, 3:]), poses[:, :3])
+    rotation = rotation_matrix(poses[:, 3:])
+    poses = transform(rotation, poses[:, :3])
     of_boards = np.arange(0.0, 360.0, 15.0)
     of_scan = np.arange(0.0, 360.0, 5.0)
 

@@ -59,7 +59,8 @@ def with_ball_centres(found, options, progress):
         suspicions = ()
     else:
         suspicions = (f"{table.file}: {suspicion}.",)
-    return _extended(found, table, np.array(centres), np.array(sigmas), notes), suspicions
+    extended = _extended(found, table, np.array(centres), np.array(sigmas), notes)
+    return extended, suspicions
 
 
 def joint_scans(found, options):
@@ -104,7 +105,8 @@ def matched_clouds(table: RawTable, clouds: Sequence[Path]):
                 notes = ()
             else:
                 notes = (f"{table.n - len(rows)} rows have no cloud and are left out.",)
-            return table.take(np.array(rows)), [by_stem[stems[row]] for row in rows], notes
+            files = [by_stem[stems[row]] for row in rows]
+            return table.take(np.array(rows)), files, notes
     if len(ordered) != table.n:
         raise InputError(
             f"{table.file}: expected as many rows as clouds or a column with the names of the cloud files, found "

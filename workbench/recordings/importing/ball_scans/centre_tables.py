@@ -124,7 +124,8 @@ def _named(fit: CandidateFit, words: str, kind: str, scans: Scans) -> CandidateF
     if kind != "external-point":
         return fit
     scatter = float(np.linalg.norm(scans.seen.std(axis=1)))
-    return replace(fit, is_good=fit.is_good or fit.rms_mm <= _MOST_LEFT * scatter)
+    is_good = fit.is_good or fit.rms_mm <= _MOST_LEFT * scatter
+    return replace(fit, is_good=is_good)
 
 
 def _in_words_of(kind: str, suspicion: str) -> str:

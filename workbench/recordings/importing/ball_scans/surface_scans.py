@@ -65,13 +65,14 @@ def import_scans(found, options, progress) -> Made:
     """Recording, complete mapping, fits, warnings and doubts. Raises InputError where files and rows do not correspond,
     a file shows no ball, or the poses fit under no reading."""
     radius = options.ball_radius_mm
-    first = found.source.clouds[0].name
+    clouds = found.source.clouds
+    first = clouds[0].name
     if radius is None:
         raise InputError(
             f"{first}: expected the certified radius of the ball, which decides the unit of the points, found none; "
             "add --ball-radius MM."
         )
-    rows, files, notes = matched_clouds(found.table, found.source.clouds)
+    rows, files, notes = matched_clouds(found.table, clouds)
     rows, dropped = complete_rows(rows, found.mapping)
     if dropped:
         raise InputError(f"{dropped[0]} Remove their files or complete the rows.")
@@ -203,13 +204,15 @@ def _share_of_sections(profiles, radius) -> tuple[float, str]:
     try:
         circles = profile_circles(profiles, _LARGEST_CIRCLE * radius)
     except InputError as error:
-        return 0.0, f" ({str(error).rstrip('.')})"
+        obstacle = f" ({str(error).rstrip('.')})"
+        return 0.0, obstacle
     except np.linalg.LinAlgError:
         return 0.0, ""
     fits = (circles.radius < _LARGEST_CIRCLE * radius) & (
         circles.radius > _SMALLEST_CIRCLE * radius
     )
-    return float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean()), ""
+    share = float((fits & (circles.rms < _SMALLEST_CIRCLE * radius)).mean())
+    return share, ""
 
 
 def profile_circles(profiles, largest: float) -> Circles:
@@ -244,7 +247,8 @@ def _fit(k: int, readings, scans: Scans, rows: np.ndarray, misfit) -> tuple[int,
     scale = max(rms, 1e-3)
     degrees = 3 * len(rows) - 9
     is_good = rms < max(_GOOD_MM, _GOOD_SHARE * scans.radius)
-    return k, CandidateFit(title, rms, np.nan, scale, degrees * np.log(scale), is_good)
+    candidate_fit = CandidateFit(title, rms, np.nan, scale, degrees * np.log(scale), is_good)
+    return k, candidate_fit
 
 
 def _screened(readings, scans: Scans, rows: np.ndarray) -> list[int]:

@@ -290,7 +290,8 @@ def _pose_readings(readings, views: BoardViews, kind: str) -> PoseReadings:
         if not (fits and fits[0][1].is_good):
             return None
         poses = readings[fits[0][0]][2][selected.rows]
-        return fits[0][0], agreeing_labels(measured[:, places, :3, :3], poses[:, :3, :3])
+        labels = agreeing_labels(measured[:, places, :3, :3], poses[:, :3, :3])
+        return fits[0][0], labels
 
     return PoseReadings(readings, views.rows, measured, best, _solved)
 

@@ -33,7 +33,10 @@ def pose_warnings(poses: np.ndarray, views, kind: str, rows: RawTable) -> tuple[
     outliers = outlier_sentence(review, _row_names(views, rows))
     sentences = [sentence for sentence in (*sentences, outliers) if sentence]
     tested = len(views.rows)
-    tested_sentence = "" if tested == rows.n else f" {tested} of {rows.n} images were tested."
+    if tested == rows.n:
+        tested_sentence = ""
+    else:
+        tested_sentence = f" {tested} of {rows.n} images were tested."
     return tuple(f"{rows.file}: {sentence}.{tested_sentence}" for sentence in sentences)
 
 

@@ -40,7 +40,8 @@ def matched_rows(
             f"{table.file}: expected as many rows as images or a column with the names of the image files, found "
             f"{table.n} rows and {len(images)} images; add a column image to the table."
         )
-    return [(image, row) for row, image in enumerate(images)], ()
+    pairs = [(image, row) for row, image in enumerate(images)]
+    return pairs, ()
 
 
 def _by_name(images, table: RawTable) -> list[tuple[ImageFile, int]]:

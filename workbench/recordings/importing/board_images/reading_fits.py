@@ -146,4 +146,5 @@ def as_instrument_poses(poses: np.ndarray, measured: np.ndarray) -> tuple[Frames
     columns = tuple(np.ascontiguousarray(poses[:, :3, c].T) for c in range(3))
     origin = np.ascontiguousarray(poses[:, :3, 3].T)
     frames = Frames((), (), None, None, None, None, columns, origin)
-    return frames, ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
+    target = ExternalPose(np.ascontiguousarray(measured[:, :3, 3].T), measured[:, :3, :3])
+    return frames, target

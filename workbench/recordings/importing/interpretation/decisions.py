@@ -210,7 +210,8 @@ def _mixed_units(
     )
     chosen = choose(question, case.ask, [place for place, _ in close])
     ordered = sorted(close, key=lambda item: item[0] != chosen)
-    return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
+    fits = tuple(fit for _, fit in ordered)
+    return Decision(readings[chosen][1], fits)
 
 
 def mixed_fits(case: UnitCase, counts: Sequence[int], stated_only: bool):
@@ -222,7 +223,8 @@ def mixed_fits(case: UnitCase, counts: Sequence[int], stated_only: bool):
         fits = [item for item in fitted if item[1].is_good]
         if fits:
             best = fits[0][1]
-            return readings, [fits[0], *(f for f in fits[1:] if not best.clearly_beats(f[1]))]
+            close = [fits[0], *(f for f in fits[1:] if not best.clearly_beats(f[1]))]
+            return readings, close
     return [], []
 
 
@@ -275,7 +277,8 @@ def _scale_of_extent(case: UnitCase, mapping: Mapping) -> float:
     if mapping.point is None or mapping.measures not in AS_WIDE_AS_THE_ARM:
         return 0.0
     recording = case.build(mapping)
-    places = forward(case.robot, case.robot.mixing @ recording.joints.T).end_origin
+    variables = case.robot.mixing @ recording.joints.T
+    places = forward(case.robot, variables).end_origin
     extents = [np.linalg.norm(np.std(p, axis=1)) for p in (recording.points.T, places)]
     return float(abs(np.log(np.maximum(extents[0], 1e-9) / np.maximum(extents[1], 1e-9))))
 

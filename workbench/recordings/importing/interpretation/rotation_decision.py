@@ -97,4 +97,5 @@ def _rotation_fits(
         flange_rotations(robot, build(readings[0][1])), [t.matrices(table) for t in turns]
     )
     chosen = [readings[k] for k in screened]
-    return compare(robot, chosen, build, is_good_only=is_good_only), chosen
+    fits = compare(robot, chosen, build, is_good_only=is_good_only)
+    return fits, chosen

@@ -89,7 +89,8 @@ def _gaps(poses, sensor, base, measured) -> tuple[np.ndarray, np.ndarray]:
     predicted = base @ poses @ sensor
     motion = inverse(measured) @ predicted
     turn = np.linalg.norm(rotation_vector(motion[..., :3, :3]), axis=-1)
-    return np.linalg.norm(motion[..., :3, 3], axis=-1), turn
+    gap = np.linalg.norm(motion[..., :3, 3], axis=-1)
+    return gap, turn
 
 
 def _is_change(divided: Sequence[Segment], costs: np.ndarray) -> bool:

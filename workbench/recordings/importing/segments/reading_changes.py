@@ -156,10 +156,11 @@ class _Variants:
         return [interpretation.recording for interpretation in self.made]
 
     def _of_joints(self, base: _Reading) -> Iterator[_Reading]:
-        names = joint_columns(base.recording.columns)
+        columns = base.recording.columns
+        names = joint_columns(columns)
         headers = self.mapping.joints.columns
         for name, header in zip(names, headers):
-            cells = base.recording.columns[name]
+            cells = columns[name]
             yield _changed(base, {name: -cells}, (header,), _SIGNS)
             if not name.endswith("_deg"):
                 continue

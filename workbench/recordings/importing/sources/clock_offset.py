@@ -161,7 +161,8 @@ class _Estimator:
         """The offset of a coarse scan that fits clearly best, for clocks that differ by up to seconds."""
         offsets = start_s + _SCANNED_S
         misfits = [_quick(self.robot, self.rows_at, offset) for offset in offsets]
-        is_clear = min(misfits) < _SCAN_GAIN * _quick(self.robot, self.rows_at, start_s)
+        quick = _quick(self.robot, self.rows_at, start_s)
+        is_clear = min(misfits) < _SCAN_GAIN * quick
         if is_clear:
             return float(offsets[int(np.argmin(misfits))])
         return start_s

@@ -91,9 +91,10 @@ def find_mapping(
         pair = pair or pose_and_centre(source.tables, mapping)
         if pair is not None:
             return Found(source, *pair, (), (*warnings, *pair[0].warnings))
-    touches = (
-        with_touches(source.tables, mapping, options.robot or mapping.robot) if is_plain else None
-    )
+    if is_plain:
+        touches = with_touches(source.tables, mapping, options.robot or mapping.robot)
+    else:
+        touches = None
     if touches is not None:
         return Found(source, *touches, (), (*warnings, *touches[0].warnings))
     if source.images:
@@ -133,7 +134,8 @@ def _found_in(source: Source, tables: Sequence[RawTable], options) -> Found:
                 f"{problem} Without a known header, and therefore not read: {_names(ignored)}."
             )
             raise InputError(sentence, problem.example) from None
-    return replace(found, warnings=(*found.warnings, *_not_read(ignored)))
+    warnings = (*found.warnings, *_not_read(ignored))
+    return replace(found, warnings=warnings)
 
 
 def _is_complete(mapping: Mapping) -> bool:
@@ -218,7 +220,8 @@ def _proposed(table: RawTable, source: Source, options):
         # the mapping file may name a point or a rotation that no header shows
         stated = options.mapping.measures
         mapping = replace(mapping, measures=stated or measures_of(mapping))
-    return mapping, tuple(name for name in proposal.unused if not is_mapped(mapping, name))
+    unused = tuple(name for name in proposal.unused if not is_mapped(mapping, name))
+    return mapping, unused
 
 
 def _not_alike(source: Source) -> InputError:

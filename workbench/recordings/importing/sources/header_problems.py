@@ -67,7 +67,8 @@ def _robot(table: RawTable, named: str | None) -> tuple[str | None, int | None, 
     try:
         candidates = robot_candidates(named, table.file)
         keys = next(iter(candidates.values()))
-        return named, load_robot(keys, f"--robot {named}").mixing.shape[1], ""
+        joints = load_robot(keys, f"--robot {named}").mixing.shape[1]
+        return named, joints, ""
     except InputError as problem:
         return None, None, str(problem)
 

@@ -81,7 +81,9 @@ def _point_of(table: RawTable) -> tuple[str, ...]:
         return ()
     if sets and (sets[0].kind != "point" or set(sets[0].names) != set(numbers)):
         return ()
-    return tuple(sets[0].names) if sets else tuple(numbers)
+    if sets:
+        return tuple(sets[0].names)
+    return tuple(numbers)
 
 
 def keep_their_distance(vectors: np.ndarray) -> bool:

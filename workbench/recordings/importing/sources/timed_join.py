@@ -109,9 +109,10 @@ class TimedJoin:
     def _readings_near(self, builder: Builder, mapping: Mapping, seconds: float):
         """Joint readings at another offset for the rows of a builder; nan where the log has none."""
         table = self.table_at(seconds)
-        is_in_table = np.isin(table.lines, builder.table.lines)
+        lines = builder.table.lines
+        is_in_table = np.isin(table.lines, lines)
         found = replace(builder, table=table.take(np.flatnonzero(is_in_table))).readings(mapping)
-        places = np.searchsorted(builder.table.lines, table.lines[is_in_table])
+        places = np.searchsorted(lines, table.lines[is_in_table])
         columns = {}
         for name, values in found.items():
             columns[name] = np.full(builder.table.n, np.nan)

@@ -77,14 +77,18 @@ def with_touches(
     touch = _best_touch(table, mapping.joints, robots)
     if touch is None:
         return None
-    return replace(table, warnings=(*table.warnings, _note(tables, touch))), mapping
+    warnings = (*table.warnings, _note(tables, touch))
+    return replace(table, warnings=warnings), mapping
 
 
 def _readings_of(
     tables: Sequence[RawTable], mapping: Mapping, count: int
 ) -> tuple[str, ...] | None:
     """The columns of the joint readings, which all tables have, where these hold no other numbers."""
-    names = _named_readings(tables[0]) if mapping.joints is None else mapping.joints.columns
+    if mapping.joints is None:
+        names = _named_readings(tables[0])
+    else:
+        names = mapping.joints.columns
     if len(names) != count:
         return None
     for table in tables:
@@ -143,14 +147,18 @@ def _best_touch(table: RawTable, joints: Group, robots) -> _Touch | None:
         fit = fit_recording(robot, recording.select(even_rows(recording, _ROWS)))
     except FAILURES:
         return None
-    return touch if fit.core <= EXPLAINED * touch.scatter_mm else None
+    if fit.core <= EXPLAINED * touch.scatter_mm:
+        return touch
+    return None
 
 
 def _touch(robot, readings: np.ndarray, numbers: np.ndarray) -> _Touch:
     """readings: (n, J) as of `Recording.joints`. numbers: (n,) of the touched points from 1."""
     frames = forward(robot, robot.mixing @ readings.T)
-    rotations, places = np.stack(frames.end, -1).transpose(1, 0, 2), frames.end_origin.T
-    count, points = len(places), int(numbers.max())
+    rotations = np.stack(frames.end, -1).transpose(1, 0, 2)
+    places = frames.end_origin.T
+    count = len(places)
+    points = int(numbers.max())
     rows = np.zeros((count, 3, 3 + 3 * points))
     rows[:, :, :3] = rotations
     for axis in range(3):
@@ -158,7 +166,8 @@ def _touch(robot, readings: np.ndarray, numbers: np.ndarray) -> _Touch:
     rows = rows.reshape(3 * count, -1)
     residual = rows @ least_squares(rows, -places.ravel(), 1e-9) + places.ravel()
     rms = np.sqrt(3 * (residual**2).sum() / max(3 * count - rows.shape[1], 1))
-    return _Touch(float(rms), float(np.linalg.norm(places.std(axis=0))))
+    scatter_mm = float(np.linalg.norm(places.std(axis=0)))
+    return _Touch(float(rms), scatter_mm)
 
 
 def _note(tables: Sequence[RawTable], touch: _Touch) -> str:

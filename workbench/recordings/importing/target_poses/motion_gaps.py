@@ -24,11 +24,10 @@ def named_gaps(
         yield
     except InputError:
         best = fits[0] if fits else None
-        gaps = (
-            ()
-            if best is None or not best[1].is_good
-            else motion(poses_of(best[0]), "in-hand").sentences
-        )
+        if best is None or not best[1].is_good:
+            gaps = ()
+        else:
+            gaps = motion(poses_of(best[0]), "in-hand").sentences
         if not gaps:
             raise
         raise InputError(

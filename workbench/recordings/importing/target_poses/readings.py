@@ -205,7 +205,8 @@ def _unit_pairs(rows: RawTable, mapping: Mapping) -> list[tuple]:
 def angle_misfit(rows: RawTable, flange: Group, target: Group) -> float:
     """By which the relative rotations of flange and target differ under their best conventions, see `_misfits`."""
     try:
-        return float(_misfits(rows, _turns(flange, rows), _turns(target, rows)).min())
+        misfit = _misfits(rows, _turns(flange, rows), _turns(target, rows))
+        return float(misfit.min())
     except InputError:
         return np.inf
 
