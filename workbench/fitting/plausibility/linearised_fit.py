@@ -68,7 +68,7 @@ class LinearisedFit:
         reduced_gram = full_gram - shared.T @ solutions[:, :-1]
         if not np.linalg.eigvalsh(reduced_gram)[0] > _UNDETERMINED * np.trace(full_gram):
             return None
-        readings = -np.linalg.solve(
+        coefficients = -np.linalg.solve(
             reduced_gram, columns @ self.residual - shared.T @ solutions[:, -1]
         )
-        return readings, reduced_gram
+        return coefficients, reduced_gram
