@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.cramer_rao import centre_bound
+from sensors.stripe import pilot
 from sensors.stripe.find import Stripes, find_stripes
 from sensors.stripe.flags import ALONE, DOUBLE, EDGE, SHAPE, UNEVEN, _largest_elsewhere
 from sensors.stripe.profile import Noise
@@ -366,3 +367,14 @@ def test_lines_of_which_only_tails_are_left_below_saturation_are_flagged(peak, s
     is_odd = found.flag & SHAPE > 0
     # noise of the few pixels left makes some of the lower line seem higher
     assert (is_odd.mean() < 0.03) if share == 0 else (is_odd.mean() > share)
+
+
+def test_noise_of_fits_with_another_width_is_not_kept(monkeypatch):
+    """Too few pixels for a second estimate left a photon gain 30 times too large, and sigmas six times too large."""
+    truth = centres(2)
+    made = images(light(truth, 60 + 0 * truth, 1.0))
+    estimates = iter([Noise(0.3, 1.5), None, None])
+    monkeypatch.setattr(pilot, "fitted_noise", lambda *given: next(estimates))
+    found = find_stripes(made)
+    assert found.noise.gain == 0 and found.noise.read == pytest.approx(NOISE, rel=0.1)
+    assert np.mean((errors(found, truth) / found.sigma) ** 2) == pytest.approx(1, abs=0.15)

@@ -1,6 +1,6 @@
 """A first look at a sample of a stack's rows: how wide the line is, how noisy the images, how to search it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,8 @@ def first_look(rows: Rows, image: np.ndarray, saturation: float) -> tuple[Settin
             return setting, search
         before = setting
         setting = _learned(rows, fits, setting, _finest(rows.pixels))
+        # noise that an earlier round read from fits of another width is no noise
+        setting = setting if setting.noise is not before.noise else replace(setting, noise=noise)
         last = search
         search = search.at_width(setting.width, image, found)
         if (
