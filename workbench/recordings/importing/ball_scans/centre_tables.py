@@ -24,6 +24,7 @@ from workbench.recordings.importing.board_images.pose_readings import (
 from workbench.recordings.importing.interpretation.decisions import choose_reading
 from workbench.recordings.importing.interpretation.fits import CandidateFit
 from workbench.recordings.importing.measured_robot import Made
+from workbench.recordings.importing.target_poses.centre_layouts import FEWEST, share_left
 from workbench.recordings.importing.target_poses.motion_gaps import named_gaps
 
 _KINDS = ("ball-centre", "external-point", None)
@@ -32,6 +33,8 @@ _PLACES = {"ball-centre": "sensor on the flange", "external-point": "point on th
 _MOST_LEFT = 0.01
 """Share of the scatter of points that an instrument measured, which are as wide as the motion of the arm, up to which
 flange poses fit them."""
+_HOPELESS = 0.5
+"""Share of the scatter of the flange that no convention and no matrix explain: a quarter of the rows may be wrong."""
 _FEWEST = 6
 _UNITS = ("mm", "m")
 _WIDEST_M = 10.0
@@ -58,6 +61,9 @@ def import_centres(found, options, progress) -> Made | None:
     rows, notes = complete_rows(found.table, mapping)
     others = other_columns(rows, mapping)
     if rows.n < _FEWEST or len(np.unique(others.get("ball", [1]))) > 1:
+        return None
+    place, rotation, point = mapping.flange_point, mapping.flange_rotation, mapping.point
+    if rows.n >= FEWEST and share_left(rows, place, rotation, point.columns) > _HOPELESS:
         return None
     progress("testing readings of the flange poses")
     readings, fits = _compared(rows, mapping, kinds)

@@ -24,7 +24,8 @@ from workbench.recordings.importing.target_poses.layouts import (
     pose_layouts,
 )
 
-_FEWEST = 8
+FEWEST = 8
+"""Rows that the linear test needs."""
 _UNKNOWNS = 15
 _WIDTHS = (6, 7, 12)
 _MOST_LEFT = 0.02
@@ -38,13 +39,13 @@ def pose_and_centre(
     is_open = mapping.joints is None and mapping.flange_point is None and mapping.point is None
     if not is_open or not 0 < len(tables) <= 2 or any(map(has_joints, tables)):
         return None
-    if any(table.n != tables[0].n or table.n < _FEWEST for table in tables):
+    if any(table.n != tables[0].n or table.n < FEWEST for table in tables):
         return None
     best, least_share = None, _MOST_LEFT
     for pose, centre in _sets(tables):
         joined, (pose, centre) = join_sets([pose, centre])
         for place, rotation in pose_layouts(joined, pose.columns):
-            share = _share_left(joined, place, rotation, centre.columns)
+            share = share_left(joined, place, rotation, centre.columns)
             if share < least_share:
                 best = (joined, place, rotation, centre.columns)
                 least_share = share
@@ -85,7 +86,7 @@ def _set(table: RawTable, names: Sequence[str]) -> PoseSet:
     return PoseSet(table, tuple(names), table.stem)
 
 
-def _share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence[str]) -> float:
+def share_left(table: RawTable, place: Group, rotation: Group, centre: Sequence[str]) -> float:
     """Share of the scatter of the flange's positions that a fixed ball, or a point on the flange, leaves under the best
     rotation convention."""
     origins, seen = (
