@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sensors.hand_eye.checks.alternatives import Alternative
+from sensors.hand_eye.checks.alternatives import Alternative, moved_of
 from sensors.hand_eye.checks.corner_noise import CornerNoise
 from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
 from sensors.hand_eye.checks.mistakes import pose_readings
@@ -17,6 +17,7 @@ from sensors.hand_eye.checks.nouns import TARGET_POSES
 from sensors.hand_eye.checks.pose_data import PoseData
 from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, robust_starts
 from sensors.hand_eye.checks.review import Finding, Named, Review, review
+from sensors.hand_eye.checks.session_alternatives import CorrectedData, session_alternatives
 from workbench.core.rigid import inverse, transform
 
 _UNKNOWN_NOISE = CornerNoise(0.0, 0, 0.0, 0.0, 0.0)
@@ -32,7 +33,10 @@ def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: li
         named,
         pose_readings(flange, TARGET_POSES),
         robust_starts(data),
-        _target_alternatives,
+        lambda recorded: [
+            *_target_alternatives(recorded),
+            *session_alternatives(recorded, _corrected(recorded, flange, named), names),
+        ],
     )
     is_doubtful = bool(found.findings or found.outliers)
     rotated = half_turned_rows(data) if is_doubtful else None
@@ -40,6 +44,15 @@ def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: li
         finding = Finding("half-turn", half_turn_sentence(rotated, names), True)
         return replace(found, findings=(finding,), outliers=())
     return found
+
+
+def _corrected(data: PoseData, flange: np.ndarray, named: Named) -> Iterator[CorrectedData]:
+    """All rows with each mistake of the flange poses, and of those of the target, undone."""
+    for reading in pose_readings(flange, TARGET_POSES):
+        moved = moved_of(reading.flange, named.kind)
+        yield CorrectedData(reading.cause, reading.symptom, reading.do, replace(data, moved=moved))
+    for cause, symptom, do, seen in _readings(data.seen[0]):
+        yield CorrectedData(cause, symptom, do, replace(data, seen=seen[None]))
 
 
 def _target_alternatives(data: PoseData) -> list[Alternative]:
@@ -80,3 +93,26 @@ def _readings(seen) -> Iterator[tuple[str, str, str, np.ndarray]]:
     ):
         true = Rotation.from_quat(recorded[:, order]).as_matrix()
         yield "target-quaternion", words, "write the scalar part first", transform(true, place)
+    yield from _position_readings(rotation, place)
+
+
+def _position_readings(rotation, place) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """The same for positions of the target: reversed axes, and units of length."""
+    for axis, signs in zip("xyz", 1 - 2 * np.eye(3)):
+        yield (
+            "target-axis",
+            f"the column {axis}_mm of the target has the opposite sign: its positions are in a left-handed "
+            "frame, or the axis of the sensor points the other way",
+            f"negate {axis}_mm",
+            transform(rotation, place * signs),
+        )
+        mirror = np.diag(signs)
+        yield (
+            "target-mirrored",
+            f"the poses of the target look mirrored in {axis}, left-handed",
+            "convert positions and orientations to a right-handed frame",
+            transform(mirror @ rotation @ mirror, place * signs),
+        )
+    for unit, size in (("inches", 25.4), ("metres", 1000.0), ("centimetres", 10.0)):
+        words = f"the positions of the target look given in {unit}"
+        yield "target-unit", words, "convert them to mm", transform(rotation, size * place)
