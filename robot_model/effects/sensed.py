@@ -40,9 +40,12 @@ class LateralScale(LateralScaleLaw, Effect):
     @classmethod
     def candidates(cls, chain):
         """Of x, where all points lie in the plane y = 0 of a profiler."""
+        sensors = chain.places("sensor")
+        if not sensors:  # a length has no point
+            return
         x, y, _ = chain.state.points
         if np.ptp(x) > 0 and not np.any(y):
-            yield from map(Variant, map(cls, chain.places("sensor")))
+            yield from map(Variant, map(cls, sensors))
 
 
 class SensorThermalGrowth(Effect):
