@@ -7,11 +7,14 @@ import pytest
 
 from datasets.recording import SCATTER
 from profile_scenes import profile_recording
+from robot_model import load_robot
 from robot_model.measurements.ball_surface import numbers_of_scans
+from workbench.core.solution import Stage
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.planning.experiment import next_experiment
 from workbench.files.solution_file import read_solution, solution_keys
 from workbench.fitting.ball_scans import as_scans
+from workbench.fitting.calibration_plans.plans import geometry
 from workbench.fitting.cross_validation import carrying_samples
 from workbench.fitting.plausibility.rows.change_points import _neighbours
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
@@ -66,9 +69,11 @@ def test_an_unmodelled_effect_in_profiles_is_above_the_scatter():
 
 
 def _geometry(chain):
-    from workbench.fitting.calibration_plans.plans import geometry
-
     return (geometry(chain.robot),)
+
+
+def _geometry_stage():
+    return geometry(load_robot("ur5"))
 
 
 def test_named_points_stand_for_their_scans():
@@ -123,3 +128,12 @@ def test_few_poses_without_a_finding_ask_for_more():
     assert "12 poses leave 9 degrees of freedom" in sentence and "None is needed" not in sentence
     bench = bench_of(profile_recording(40, 60, 38))
     assert "None is needed" in next_experiment(bench, (), bench.problem(), 1.0).sentence
+
+
+def test_the_weights_of_a_given_plan_are_next_to_its_effects():
+    """A shift of the ball that the plan states is no error of the poses, which would drop its parameters."""
+    moved = np.where(np.arange(40)[:, None] < 20, 0.0, [0.3, -0.2, 0.25])
+    shift = ("shift", "base", {"after": 19.5})
+    stages = (_geometry_stage(), Stage("shift", "it moved", effects=(shift,), free=("*",)))
+    found = calibrate(profile_recording(40, 60, 39, moved=moved), plan=stages)
+    assert found.fit["rms_mm"] < 0.006

@@ -19,7 +19,6 @@ from sensors.hand_eye.circles import fit_circles
 from workbench.core.distributions import MEDIAN_TO_SIGMA
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.fitting.checked_samples import CheckedSamples
-from workbench.fitting.scan_weights import weighed
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _OF_POINTS = ("sigma_mm", *SIGMAS)
@@ -230,14 +229,13 @@ def as_scans(samples: Recording) -> Recording:
     return scans_of(load_robot(samples.robot), samples)
 
 
-def weighed_scans(checked: CheckedSamples, *named) -> tuple[CheckedSamples, list]:
-    """Checked points of balls as scans with the weights of their geometry, and lists of sample numbers of points (or
-    None) as numbers of the scans that hold any of them."""
+def checked_scans(checked: CheckedSamples, *named) -> tuple[CheckedSamples, list]:
+    """Checked points of balls as scans, and lists of sample numbers of points (or None) as numbers of the scans that
+    hold any of them."""
     points = checked.recording
     numbers = numbers_of_scans(points)
     lists = [
         None if wanted is None else np.unique(numbers[np.isin(points.sample_ids, wanted)]).tolist()
         for wanted in named
     ]
-    scans = scans_of(checked.robot, points)
-    return replace(checked, recording=weighed(checked.robot, scans)), lists
+    return replace(checked, recording=scans_of(checked.robot, points)), lists

@@ -7,6 +7,7 @@ covariance v (I + t M M'), and t is estimated by restricted maximum likelihood (
 take what the parameters absorb for small errors of the poses. An effect that the model lacks makes t too large.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from datasets.recording import ROOT, Recording
 from robot_model.robot import Robot
 from robot_model.system import bind
+from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
@@ -103,12 +105,14 @@ def _cost_of_parameter(degrees: float) -> float:
     return 4 * degrees / (degrees - 3) - 2 * degrees / (degrees - 2)
 
 
-def weighed(robot: Robot, scans: Recording) -> Recording:
-    """The recording of scans with the weights that the residuals of the geometry show."""
+def weighed(robot: Robot, scans: Recording, effects: Sequence[Effect] = ()) -> Recording:
+    """The recording of scans with the weights that the residuals of the geometry and of some effects show."""
     chain = bind(robot, scans)
-    model = Model(chain)
+    model = Model(chain, tuple(effects))
     start = model.parameters
-    start = start.only(stage_mask(start, geometry(robot), (), chain))
+    mask = stage_mask(start, geometry(robot), (), chain)
+    mask[len(chain.parameters) :] = True
+    start = start.only(mask)
     for _ in range(_FITS):
         fit = solve(model, start, "huber", _STEPS)
         model = replace(model, chain=noise_scaled(model.chain, fit))

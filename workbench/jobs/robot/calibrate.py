@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_model.effects import CATALOGUE
 from robot_model.measurements.ball_scan import FILE_KIND
 from robot_model.robot import Robot
 from robot_model.system import (
@@ -15,6 +16,7 @@ from robot_model.system import (
     geometry_free,
     held_by_convention,
 )
+from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
 from workbench.core.least_squares.identifiability import (
     Identifiability,
@@ -28,7 +30,7 @@ from workbench.files.provenance import provenance
 from workbench.files.results import StageResult, calibration_json, joint_stiffness, parameter_rows
 from workbench.files.solution_file import name_of
 from workbench.files.term_sizes import term_sizes
-from workbench.fitting.ball_scans import weighed_scans
+from workbench.fitting.ball_scans import checked_scans
 from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
 from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
 from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
@@ -48,6 +50,7 @@ from workbench.fitting.cross_validation import (
 )
 from workbench.fitting.frame_gauge import undetermined_offset_words, with_offset_priors
 from workbench.fitting.linear_folds import cross_validate_linearised
+from workbench.fitting.scan_weights import weighed
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
@@ -149,7 +152,8 @@ def calibrate(
     if not isinstance(recording, CheckedSamples):
         checked = check_samples(recording, trust_data, fit_samples, test_samples)
     if checked.recording.measures == FILE_KIND:
-        checked, (fit_samples, test_samples) = weighed_scans(checked, fit_samples, test_samples)
+        checked, (fit_samples, test_samples) = checked_scans(checked, fit_samples, test_samples)
+        checked = _weighed_for_plan(checked, plan)
     moving, robot = checked.recording, checked.robot
     split = everyone = _split(moving, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
@@ -198,6 +202,15 @@ def _stages(plan, chain) -> tuple[Stage, ...]:
     if isinstance(plan, str | Path):
         return read_plan(Path(plan))
     return tuple(plan)
+
+
+def _weighed_for_plan(checked: CheckedSamples, plan) -> CheckedSamples:
+    """Scans with the weights next to the geometry and all effects of a given plan, which would blur them."""
+    effects = []
+    if plan is not None:
+        stages = _stages(plan, bind(checked.robot, checked.recording))
+        effects = [effect for stage in stages for effect in make_effects(CATALOGUE, stage.effects)]
+    return replace(checked, recording=weighed(checked.robot, checked.recording, effects))
 
 
 def _split(recording, fit_samples, test_samples, folds) -> Split:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_model.effects import CATALOGUE
+from robot_model.measurements.ball_scan import file_kind
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.core.parameters import Parameters
@@ -37,9 +38,8 @@ def corrected_scene(calibration, title: str = "") -> CorrectedScene:
     """
     recording, chain = calibration.recording, calibration.model.chain
     if recording.measures not in KINDS:
-        why = (
-            f"a scene can have measures {', '.join(KINDS)}, the recording has {recording.measures}"
-        )
+        kind = file_kind(recording.measures)
+        why = f"a scene can have measures {', '.join(KINDS)}, the recording has {kind}"
         return CorrectedScene(None, None, why)
     values = calibration.solution.parameters
     robot = robot_keys(recording)
