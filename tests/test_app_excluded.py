@@ -41,7 +41,7 @@ def work(folder, tmp_path):
 
 
 def test_samples_that_a_rerun_left_out_are_listed_with_the_reason(work):
-    assert work.count == 298 and work.outside == 2
+    assert work.count == 298 and work.excluded_outside_run == 2
     assert [(one.kind, one.number, one.why) for one in work.excluded_items] == [
         (SAMPLES, 7, "residual above 0.2 mm"),
         (SAMPLES, 42, "residual above 0.2 mm"),
@@ -75,7 +75,7 @@ def test_a_sample_of_the_list_is_included_and_the_change_undone(work):
     assert [one.number for one in work.excluded_items] == [7, 42]
     work.include_sample(42)
     work.include_all()
-    assert work.excluded_items == [] and work.outside == 0
+    assert work.excluded_items == [] and work.excluded_outside_run == 0
     for act in (work.include_all, lambda: work.include_sample(42)):
         with pytest.raises(InputError, match="nothing to include"):
             act()

@@ -148,8 +148,8 @@ class BallSurface:
             radii = self.balls[ball, 3]
             order = np.argsort(scan, kind="stable")
             ends = np.cumsum(np.bincount(scan))[:-1]
-            parts = np.split(self.measured[:, order], ends, axis=1)
-            fitted = [_centre(part, radius) for part, radius in zip(parts, radii)]
+            points_of_scans = np.split(self.measured[:, order], ends, axis=1)
+            fitted = [_centre(part, radius) for part, radius in zip(points_of_scans, radii)]
             centres = np.stack(fitted, axis=1)
         usable = np.isfinite(centres[0])
         if usable.sum() < _FEWEST:

@@ -145,13 +145,16 @@ class Evaluation(Sight):
 
     ports = MappingProxyType(
         {
-            "pixel": lambda here: -here.by_pixel,
-            "ray": lambda here: here.by_ray * here.length,
+            "pixel": lambda evaluation: -evaluation.by_pixel,
+            "ray": lambda evaluation: evaluation.by_ray * evaluation.length,
             "mirror": Sight.mirror_rows,
-            "plane": lambda here: (
-                here.by_plane * np.stack([*here.hits, np.ones(here.chain.n), here.stripe_place**2])
+            "plane": lambda evaluation: (
+                evaluation.by_plane
+                * np.stack(
+                    [*evaluation.hits, np.ones(evaluation.chain.n), evaluation.stripe_place**2]
+                )
             ),
-            "point": lambda here: -here.normal,
-            "target": lambda here: -here.normal,
+            "point": lambda evaluation: -evaluation.normal,
+            "target": lambda evaluation: -evaluation.normal,
         }
     )

@@ -199,11 +199,11 @@ class Evaluation(Sight):
 
     ports = MappingProxyType(
         {
-            "pixel": lambda here: -here.by_pixel,
-            "ray": lambda here: here.by_ray * here.length,
+            "pixel": lambda evaluation: -evaluation.by_pixel,
+            "ray": lambda evaluation: evaluation.by_ray * evaluation.length,
             "mirror": Sight.mirror_rows,
             "plane": _plane_rows,
-            "point": lambda here: here.slope,
+            "point": lambda evaluation: evaluation.slope,
             "target": _target_rows,
         }
     )

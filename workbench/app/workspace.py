@@ -193,9 +193,9 @@ class Workspace:
         is_included = np.append(kept_rows(self.session, recording), True)  # for row -1
         return is_included[self.opened.edit_rows]
 
-    def drawn(self, most: int, kind: str = "") -> np.ndarray:
-        """Rows that a figure of at most about `most` marks shows: the largest, and some evenly spread."""
-        return self.summaries.drawn(most, kind)
+    def drawn(self, max_marks: int, kind: str = "") -> np.ndarray:
+        """Rows that a figure of at most about `max_marks` marks shows: the largest, and some evenly spread."""
+        return self.summaries.drawn(max_marks, kind)
 
     def means(self, name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
         """Mean quantity and mean length of the residual, over bins of equal count, of the rows that are kept."""
@@ -257,7 +257,9 @@ class Workspace:
 
     def _include_numbers(self, numbers: Mapping[str, list[int]]) -> None:
         """Include samples and poses by their numbers: one change for each kind. Raises InputError for none."""
-        changes = [Change(INCLUDE, kind, tuple(some)) for kind, some in numbers.items() if some]
+        changes = [
+            Change(INCLUDE, kind, tuple(chosen)) for kind, chosen in numbers.items() if chosen
+        ]
         if not changes:
             raise InputError("None of these samples is excluded; there is nothing to include")
         self._saved(lambda history: [history.apply(change) for change in changes])
@@ -292,7 +294,7 @@ class Workspace:
         return self._memo(("excluded counts", session.changes), compute)
 
     @property
-    def outside(self) -> int:
+    def excluded_outside_run(self) -> int:
         """Number of excluded samples that are no part of the newest run."""
 
         def compute():
@@ -320,24 +322,24 @@ class Workspace:
 
     def exclude_above(self, threshold: float) -> int:
         """Exclude all samples whose residual is longer than `threshold`, mm; how many. Raises InputError."""
-        far = np.flatnonzero(self.kept & (self.lengths() > threshold))
-        if not len(far):
+        rows_above = np.flatnonzero(self.kept & (self.lengths() > threshold))
+        if not len(rows_above):
             raise InputError(
                 f"No sample has a residual above {threshold:g} mm; lower the threshold"
             )
-        ids = tuple(np.unique(self.opened.edit_ids[far]).tolist())
+        ids = tuple(np.unique(self.opened.edit_ids[rows_above]).tolist())
         self.change(Change(EXCLUDE, SAMPLES, ids, f"residual above {threshold:.4g} mm"))
-        return len(far)
+        return len(rows_above)
 
-    def set_items(self, kind: str, items: Iterable[str], on: bool) -> None:
+    def set_items(self, kind: str, items: Iterable[str], is_included: bool) -> None:
         """Include or exclude images, stages or effects by name."""
         names = tuple(sorted(items))
         if kind in KINDS and names:
-            self.change(Change(INCLUDE if on else EXCLUDE, kind, names))
+            self.change(Change(INCLUDE if is_included else EXCLUDE, kind, names))
 
-    def set_image(self, index: int, on: bool) -> None:
+    def set_image(self, index: int, is_included: bool) -> None:
         """Include or exclude the image at a place of images.csv."""
-        self.set_items(IMAGES, [self.opened.recording.images[index]["image"]], on)
+        self.set_items(IMAGES, [self.opened.recording.images[index]["image"]], is_included)
 
     def add_effects(self, rows: list[dict], why: str) -> None:
         """Add effects to the plan. Raises InputError where there are none."""

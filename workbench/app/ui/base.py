@@ -28,7 +28,7 @@ _TURN_S = 0.005
 _MOST_CONTEXTS = 15
 """WebGL contexts of the tabs that are kept: a browser holds at most 16 at once and takes the oldest away."""
 REPORT = "report.html"
-_STILL = "position: absolute; width: 100%; height: calc(100% - 64px)"
+_SCENE_PLACE = "position: absolute; width: 100%; height: calc(100% - 64px)"
 """Where the scene of a figure in space lies, above its legend."""
 _PIXEL_RATIO = "Math.max(1, Math.min(window.devicePixelRatio, 2))"
 """Pixels of WebGL for each pixel of the page: those of the screen.
@@ -76,7 +76,7 @@ class Page:
         self.work = Workspace(opened, session_path(opened.subject))
         self.opened_changed()
 
-    def say(self, text: str, kind: str = "info") -> None:
+    def show_message(self, text: str, kind: str = "info") -> None:
         """Show a message; kind: info, success or error."""
         self._said += 1
         self.state.message, self.state.message_kind = text, kind
@@ -166,7 +166,7 @@ class Page:
             def act():
                 method(*values, **named)
                 if self._said == before:
-                    self.say("")
+                    self.show_message("")
                 self.refresh()
 
             self.attempt(act, method.__name__)
@@ -181,10 +181,10 @@ class Page:
         try:
             action()
         except InputError as problem:
-            self.say(str(problem), "error")
+            self.show_message(str(problem), "error")
         except Exception:
             _log.exception("the app failed in %s", name)
-            self.say(f"This is a bug of the app (in {name}); see the terminal", "error")
+            self.show_message(f"This is a bug of the app (in {name}); see the terminal", "error")
 
 
 class Tab:
@@ -262,7 +262,7 @@ class Tab:
             html.Img(
                 src=(f"still_{name}",),
                 v_if=f"still_{name}",
-                style=_STILL,
+                style=_SCENE_PLACE,
                 **raw(alt="", data_still=name, elementtiming=f"still-{name}"),
             )
             drawn = f"Object.keys(figure_{name}.layout).length"

@@ -89,29 +89,29 @@ class ExcludedList:
     def include(self, kind, number) -> None:
         """Include one item of the list."""
         self.tab.work.include_item(str(kind), whole_number(number, -(2**53), 2**53, "number"))
-        self._say()
+        self._show_counts()
 
     def include_sample(self, number) -> None:
         """Include a sample by its number, and its pose where that is excluded."""
         number = whole_number(number, -(2**53), 2**53, "Number to include")
         self.tab.work.include_sample(number)
-        self._say()
+        self._show_counts()
 
     def include_all(self) -> None:
         """Include everything that is excluded."""
         self.tab.work.include_all()
-        self._say()
+        self._show_counts()
 
-    def _say(self) -> None:
-        self.page.say("Included again; calibrate to see the effect.")
+    def _show_counts(self) -> None:
+        self.page.show_message("Included again; calibrate to see the effect.")
 
 
 def _text(counts: Mapping[str, int]) -> str:
     """State how many samples and poses are excluded, "" for none."""
-    parts = [counted(count, kind.removesuffix("s")) for kind, count in counts.items() if count]
-    if not parts:
+    phrases = [counted(count, kind.removesuffix("s")) for kind, count in counts.items() if count]
+    if not phrases:
         return ""
-    text = f"{' and '.join(parts)} excluded"
+    text = f"{' and '.join(phrases)} excluded"
     if sum(counts.values()) > MOST_LISTED:
         text += f"; the first {MOST_LISTED} are listed"
     return text

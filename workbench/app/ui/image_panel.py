@@ -76,13 +76,13 @@ class ImagePanel:
 
 def describe(shown, is_excluded: bool) -> str:
     """Name, role and what was detected, in one line."""
-    parts = [f"{shown.name}, {shown.role}"]
+    phrases = [f"{shown.name}, {shown.role}"]
     if shown.corners.shape[1]:
-        parts.append(f"{shown.corners.shape[1]} corners detected")
+        phrases.append(f"{shown.corners.shape[1]} corners detected")
     if shown.stripe.shape[1]:
-        parts.append("laser stripe detected")
+        phrases.append("laser stripe detected")
     if shown.why:
-        parts.append(shown.why)
+        phrases.append(shown.why)
     if is_excluded:
-        parts.append("excluded from the calibration")
-    return "; ".join(parts)
+        phrases.append("excluded from the calibration")
+    return "; ".join(phrases)

@@ -24,10 +24,10 @@ def defer_charts(state) -> None:
     """
     scripts = list(state.trame__scripts)
     charts = next(script for script in scripts if _PLUGIN in script)
-    state.trame__scripts = _without(scripts, charts)
-    plugins = _without(state.trame__vue_use, _PLUGIN)
+    state.trame__scripts = _remaining(scripts, charts)
+    plugins = _remaining(state.trame__vue_use, _PLUGIN)
     state.trame__vue_use = [*plugins, _INSTALL % json.dumps(charts)]
 
 
-def _without(items: Iterable, left_out: object) -> list:
+def _remaining(items: Iterable, left_out: object) -> list:
     return [item for item in items if item != left_out]

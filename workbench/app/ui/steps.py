@@ -6,5 +6,5 @@ def steps(name: str, last: str) -> tuple[str, str]:
 
     The browser counts by itself, so that clicks in quick succession each count while the server is busy.
     """
-    back = f"{name} = Math.max(({name} || 0) - 1, 0)"
-    return back, f"{name} = Math.min(({name} || 0) + 1, {last})"
+    previous = f"{name} = Math.max(({name} || 0) - 1, 0)"
+    return previous, f"{name} = Math.min(({name} || 0) + 1, {last})"

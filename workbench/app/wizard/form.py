@@ -31,7 +31,7 @@ _TESTED = {"title": "tested on the robot", "value": ""}
 _NOT_USED = "not used"
 _TIME = "time_s, by its header"
 _SHOWN = 3
-_BETWEEN = ", "
+_SEPARATOR = ", "
 
 
 def kinds() -> list[dict]:
@@ -64,7 +64,7 @@ def _row(name: str, group: Mapping, table: RawTable | None) -> dict:
 
 def _as_text(unit: str | list) -> str:
     """A unit of all columns, or one for each of them, as the value of a list."""
-    return _BETWEEN.join(unit) if isinstance(unit, list) else unit
+    return _SEPARATOR.join(unit) if isinstance(unit, list) else unit
 
 
 def _unit_items(name: str, group: Mapping) -> list[dict]:
@@ -151,8 +151,8 @@ def _edit_group(keys: dict, name: str, key: str, value: object) -> None:
     if not group:
         raise InputError(f"{TITLES[name]}: expected columns first, found none; choose them")
     group.pop(key, None)
-    if key == "unit" and _BETWEEN in str(value):
-        value = str(value).split(_BETWEEN)
+    if key == "unit" and _SEPARATOR in str(value):
+        value = str(value).split(_SEPARATOR)
     keys[name] = group | ({key: value} if value else {})
 
 

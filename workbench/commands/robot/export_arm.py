@@ -209,8 +209,8 @@ def _ros(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
     text = ur_kinematics_yaml(arm)
     back()
     check_ur_kinematics(arm, text)
-    between = "length and twists between the last axis and the flange"
-    return ArmExport({file: text}, [*left_out(arm), between])
+    held_numbers = "length and twists between the last axis and the flange"
+    return ArmExport({file: text}, [*left_out(arm), held_numbers])
 
 
 def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
@@ -225,7 +225,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     )
     from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
 
-    programme, said = _targets(arm, options)
+    programme, sentences = _targets(arm, options)
     covariates = covariates_of(arm, programme)
     found = compensate_programme(arm, programme, covariates)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused
@@ -240,7 +240,7 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
             f"{'; '.join(refused[row])} ({len(refused)} such targets); correct it, or see `workbench compensate`"
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
-    notes = (largest, *said, *_configuration_notes(arm, programme, found))
+    notes = (largest, *sentences, *_configuration_notes(arm, programme, found))
     own_target_program = _own_program(arm, to, options, found, back)
     if own_target_program is not None:
         return ArmExport({file: own_target_program[0]}, [], (*notes, own_target_program[1]))

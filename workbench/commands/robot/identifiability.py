@@ -30,18 +30,18 @@ def command(
 ) -> None:
     """List the parameters that a recording identifies and those that are confounded; nothing is fitted."""
 
-    def work(run, say) -> dict:
+    def work(run, report) -> dict:
         import datasets
         from workbench.jobs.robot.identify import identifiability
 
         found = datasets.read(recording, trust_data)
-        say("analysing the poses")
-        result = {"recording": recording, **identifiability(found, plan, trust_data, say)}
+        report("analysing the poses")
+        result = {"recording": recording, **identifiability(found, plan, trust_data, report)}
         if not no_report:
             from workbench.report.page import write_sheet
             from workbench.report.planning import identifiability as sheet
 
-            say("writing the report")
+            report("writing the report")
             write_sheet(sheet.page(found, result), run.partial)
         return {**result, "verdict": no_verdict(_NO_RESIDUAL).as_json()}
 

@@ -76,7 +76,7 @@ def command(
     """Select the most informative measurement poses of a recording or a scene: a table of poses and the gain."""
     answer.check_target(json)
     runs.check_place(out)
-    with answer.progress(f"reading {candidates}") as say:
+    with answer.progress(f"reading {candidates}") as report:
         from workbench.files.images.visibility import Sight
         from workbench.jobs.robot.poses import choose_poses, write_poses
 
@@ -84,7 +84,7 @@ def command(
         rows = _terms(candidates, without)
         found = _read(candidates, trust_data)
         tasks_read = None if tasks is None else _read(tasks, trust_data)
-        say("choosing")
+        report("choosing")
         sight = Sight(stand_off, field, cap)
         chosen = choose_poses(
             found,
@@ -97,7 +97,7 @@ def command(
             sight,
             repeats,
             trust_data,
-            say,
+            report,
         )
         with runs.opened("poses", candidates.removesuffix(".toml"), out) as run:
             write_poses(chosen, run.partial)
@@ -224,13 +224,13 @@ def _show_predicted(console, n, error) -> None:
             ["measured", "error"],
             rows,
         )
-    twice, bound = error["random_twice_mm"], error["bound_mm"]
-    if twice is not None and bound > twice:
+    random_twice, bound = error["random_twice_mm"], error["bound_mm"]
+    if random_twice is not None and bound > random_twice:
         console.print(
             f"No {n} of these candidates reach the error of {2 * n} random ones: they are too similar. "
             "Add candidates with other orientations and positions."
         )
-    elif twice is not None:
+    elif random_twice is not None:
         console.print(
             f"Better than {100 * error['share_of_twice_beaten']:.0f} % of the random sets of {2 * n}."
         )

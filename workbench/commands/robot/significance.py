@@ -37,12 +37,12 @@ def command(
     """Compute how an error of each parameter of a robot changes position and axes of the flange."""
     answer.check_target(json)
     runs.check_place(out)
-    with answer.progress(f"reading {robot}") as say:
+    with answer.progress(f"reading {robot}") as report:
         from workbench.jobs.robot.significance import robot_called, save, significance
 
         arm, readings = robot_called(robot)
-        found = significance(arm, points, seed, step_mm, step_rad, readings, say)
-        say("drawing")
+        found = significance(arm, points, seed, step_mm, step_rad, readings, report)
+        report("drawing")
         with runs.opened("significance", robot, out) as run:
             save(found, run.partial)
             if not no_report:

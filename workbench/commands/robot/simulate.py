@@ -25,13 +25,13 @@ def command(
     """Simulate the measurements of an arm that a scene file describes, and write them as a recording."""
     answer.check_target(json)
     runs.check_place(out)
-    with answer.progress(f"simulating {scene}") as say:
+    with answer.progress(f"simulating {scene}") as report:
         import datasets
         from workbench.jobs.robot.simulate import simulate
 
         recording = simulate(scene_of(scene), without or ())
         with runs.opened("simulate", scene.stem, out) as run:
-            say("writing the recording")
+            report("writing the recording")
             datasets.write(recording, run.partial)
     deliver(scene, recording, run, json)
 

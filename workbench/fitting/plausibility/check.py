@@ -22,7 +22,7 @@ from workbench.fitting.plausibility.misfit import (
 )
 from workbench.fitting.plausibility.robot_files.far_geometry import (
     CAUSE,
-    FAR,
+    MAX_DEVIATION,
     OTHER_ROBOT,
     far_geometry,
 )
@@ -132,7 +132,7 @@ def _fit_suspicions(robot, recording, fit: Fit, scale_of_good_fit) -> list[Suspi
         return list(_badly_fitting(robot, recording, fit, scale_of_good_fit)) or small_mistakes(
             robot, recording, fit
         )
-    if np.abs(fit.deviations).max(initial=0.0) > FAR:
+    if np.abs(fit.deviations).max(initial=0.0) > MAX_DEVIATION:
         # the data fit, but only with a geometry that no arm has: another explanation may need none of it
         found = explained_suspicions(robot, recording, fit, scale_of_good_fit)
         if found:
@@ -230,7 +230,7 @@ def _of_groups(robot, recording, fit: Fit) -> Suspicion | None:
 
 def _isolated_rows(robot, recording, fit: Fit, named: str) -> Iterator[Suspicion]:
     """Rows that a gap separates from the others, where an inaccurate arm puts all rows off."""
-    isolated = find_outliers(robot, recording, fit, floor=np.inf, far=_FAR_OF_LARGE_ERRORS)
+    isolated = find_outliers(robot, recording, fit, floor=np.inf, factor=_FAR_OF_LARGE_ERRORS)
     if isolated is not None:
         reason = Reason(isolated.likely_cause, "blunders", False)
         yield _outlying(recording, isolated, reason, named)
@@ -279,7 +279,7 @@ def _majority_fit(robot, recording, scale_of_good_fit, share: float) -> Fit | No
             mismatch = row_mismatch(robot, recording, fit)
         except (np.linalg.LinAlgError, InputError, ValueError):
             continue
-        plausible = np.abs(fit.deviations).max(initial=0.0) < FAR
+        plausible = np.abs(fit.deviations).max(initial=0.0) < MAX_DEVIATION
         if (
             plausible
             and np.isfinite(fit.scale)

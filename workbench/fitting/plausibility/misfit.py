@@ -45,7 +45,7 @@ _EVIDENCE = 30.0
 """Difference of the negative log posteriors: odds of 10^13."""
 _LEAST_DEGREES = 12
 _PLAUSIBLE = 5.0
-_FAR = 3.0
+_MISFIT_FACTOR = 3.0
 """Times a good fit: below it, unmodelled effects are as likely as a mistake."""
 _ROWS = 200
 _PERMUTATIONS = 3
@@ -163,7 +163,10 @@ def explained_suspicions(
 
 def _scaled(robot, recording) -> list[Explanation]:
     """The columns of readings that are in a wrong scale."""
-    return [Explanation(one.correction, one.fit) for one in scaled_readings(robot, recording)]
+    return [
+        Explanation(reading.correction, reading.fit)
+        for reading in scaled_readings(robot, recording)
+    ]
 
 
 def _explained(robot, recording, recorded, found, scale_of_good_fit) -> Suspicion:
@@ -197,8 +200,10 @@ def _best_recorded(robot, recording, recorded: Fit, explanation) -> Fit:
         starts = []
     for start in starts:
         try:
-            near = fit_recording(robot, chosen, start, free=base_and_tool(chosen), steps=20)
-            fits.append(fit_recording(robot, chosen, near.parameters.values, steps=20))
+            base_and_tool_fit = fit_recording(
+                robot, chosen, start, free=base_and_tool(chosen), steps=20
+            )
+            fits.append(fit_recording(robot, chosen, base_and_tool_fit.parameters.values, steps=20))
         except (np.linalg.LinAlgError, InputError):
             continue
     return min(fits, key=lambda fit: fit.improbability / max(fit.degrees, 1))
@@ -289,7 +294,7 @@ def doubtful_columns(recording, recorded, scale_of_good_fit) -> Iterator[Suspici
 def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Suspicion]:
     named = _named(recording)
     fits = _fits(recorded, scale_of_good_fit, reach_of(robot, recording))
-    if recorded.scale > _FAR * scale_of_good_fit:
+    if recorded.scale > _MISFIT_FACTOR * scale_of_good_fit:
         sentences = list(doubtful_columns(recording, recorded, scale_of_good_fit))
     else:
         sentences = []
@@ -302,7 +307,7 @@ def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Susp
             False,
             "rows-shuffled",
         )
-    elif not sentences and recorded.scale > _FAR * scale_of_good_fit:
+    elif not sentences and recorded.scale > _MISFIT_FACTOR * scale_of_good_fit:
         yield from _unknown_cause(named, fits)
 
 

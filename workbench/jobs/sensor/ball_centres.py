@@ -110,7 +110,7 @@ def ball_json(ball: Ball, scanner: Scanner) -> dict:
         "rejected": fit.rejected,
         "cap_deg": float(np.rad2deg(fit.cap)),
         "cut_by_field": bool(fit.cut),
-        "beyond_calibrated_depths": ball.beyond,
+        "beyond_calibrated_depths": ball.is_beyond_volume,
         "radius_gap_sigma": _number(fit.radius_gap),
         "centre_moves_with_free_radius_mm": _number(fit.centre_moves),
         "misfit": None if ball.misfit is None else ball.misfit.as_json(),
@@ -304,7 +304,7 @@ def _rows(scans: Scans) -> Iterator[tuple[dict, Ball]]:
     for scan in scans.scans:
         for ball in scan.balls:
             is_placed = scan.frame == "camera" and "sample" in scan.row
-            if ball.number is not None and ball.fit and not ball.beyond and is_placed:
+            if ball.number is not None and ball.fit and not ball.is_beyond_volume and is_placed:
                 yield scan.row, ball
 
 

@@ -59,9 +59,9 @@ class Ball:
     """A ball found in a scan: `number` in artefact.csv (None: not known which), `fit` with the radius as
     certified where there is one, `free` with a radius of its own; `points` (3, k) mm on it, `pixels` (2, k).
 
-    `beyond`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack of fit
-    of its stripes, None where it has too few. `frame`: name of the frame of its centre; `common` (3, 3) mm^2: what
-    errors that all images of a joined scan share add to the covariance of the centre, None for another scan."""
+    `is_beyond_volume`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack
+    of fit of its stripes, None where it has too few. `frame`: name of the frame of its centre; `common` (3, 3) mm^2:
+    what errors that all images of a joined scan share add to the covariance of the centre, None for another scan."""
 
     number: int | None
     radius: float | None
@@ -69,7 +69,7 @@ class Ball:
     free: BallFit
     points: np.ndarray
     pixels: np.ndarray
-    beyond: bool
+    is_beyond_volume: bool
     misfit: Misfit | None = None
     frame: str = "camera"
     common: np.ndarray | None = None
@@ -80,7 +80,7 @@ class Ball:
         return (
             bool(self.fit)
             and not self.fit.cut
-            and not self.beyond
+            and not self.is_beyond_volume
             and self.fit.coverage >= ALL_ROUND
         )
 
@@ -220,7 +220,7 @@ class _Work:
         )
         count = points.shape[1]
         drawn = np.linspace(0, max(count - 1, 0), min(count, _DRAWN)).astype(int)
-        uncalibrated_count = sum(ball.beyond for ball in balls)
+        uncalibrated_count = sum(ball.is_beyond_volume for ball in balls)
         depth_note = (
             f"{uncalibrated_count} balls beyond the depths of the boards, where the planes are not calibrated"
             if uncalibrated_count
@@ -370,7 +370,7 @@ class _Work:
         fit = _fitted(straight, cloud.view, is_lit, radius, start, columns_of_ball)
         if fit and len(fit.reason) == len(is_lit):
             fit = with_radius_variance(fit, cloud.common_radius_variance(fit))
-        beyond = self._beyond(cloud.local[2])
+        is_beyond = self._is_beyond_volume(cloud.local[2])
         other = (fit if radius is None else fit.free) or free
         misfit = self._misfit(fit or free, straight, cloud)
         used = (fit or free).inliers if len((fit or free).reason) == len(is_lit) else is_lit
@@ -384,7 +384,7 @@ class _Work:
             other,
             straight,
             cloud.pixels,
-            beyond,
+            is_beyond,
             misfit,
             cloud.frame,
             common,
@@ -415,7 +415,7 @@ class _Work:
             return edge | (cloud.image == 0) | (cloud.image == len(swept) - 1)
         return edge | ((min(swept) < max(swept)) & ((steps == min(swept)) | (steps == max(swept))))
 
-    def _beyond(self, depth) -> bool:
+    def _is_beyond_volume(self, depth) -> bool:
         """Whether most of these depths are outside those of the boards."""
         if self.scanner.volume is None:
             return False

@@ -199,9 +199,11 @@ def _with_labels(
 
     def fit(candidate: Mapping) -> CandidateFit | None:
         readings = list(decisions.unit_readings(candidate))
-        fits = [decisions.compare(one.robot, readings, one.positions, 1) for one in builders]
+        fits = [
+            decisions.compare(builder.robot, readings, builder.positions, 1) for builder in builders
+        ]
         found = [compared[0][1] for compared in fits if compared]
-        return min(found, key=lambda one: one.improbability, default=None)
+        return min(found, key=lambda builder: builder.improbability, default=None)
 
     found = best_labels(rows, mapping, fit)
     if found is None:

@@ -220,9 +220,9 @@ class DiagnosisTab(Tab):
             state.over = next(iter(state.overs), "")
         pixels = {} if is_arm else data.pixel_residuals(opened.folder)
         if is_arm:
-            over = state.over
-            make = functools.partial(diagnosis.before_after, opened, over)
-            self.draw_when_changed("before_after", (opened, over), make)
+            quantity = state.over
+            make = functools.partial(diagnosis.before_after, opened, quantity)
+            self.draw_when_changed("before_after", (opened, quantity), make)
         elif pixels:
             make = functools.partial(diagnosis.pixel_histogram, pixels)
             self.draw_when_changed("before_after", (opened,), make)
@@ -256,7 +256,9 @@ class DiagnosisTab(Tab):
         path = self.work.path.with_name(PLAN)
         data.write_plan(rows, path)
         self.state.ticked = []
-        self.page.say(f"Added to the plan and written to {path}: {counted(len(rows), 'effect')}.")
+        self.page.show_message(
+            f"Added to the plan and written to {path}: {counted(len(rows), 'effect')}."
+        )
 
     def apply_and_run(self, ticked) -> None:
         """Add the ticked terms and calibrate with them."""

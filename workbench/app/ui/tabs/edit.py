@@ -224,10 +224,10 @@ class EditTab(Tab):
 
     def _show_threshold(self) -> None:
         value = number_of(self.state.threshold, "threshold")
-        above = int((self.work.kept & (self.work.lengths() > value)).sum())
-        verb = "has" if above == 1 else "have"
+        count_above = int((self.work.kept & (self.work.lengths() > value)).sum())
+        verb = "has" if count_above == 1 else "have"
         self.state.threshold_text = (
-            f"{counted(above, 'sample')} {verb} a residual above {value:.4g} mm"
+            f"{counted(count_above, 'sample')} {verb} a residual above {value:.4g} mm"
         )
         key = (self.work.opened, self.work.session.changes, value)
         make = functools.partial(residuals.histogram_figure, self.work, value)
@@ -237,19 +237,21 @@ class EditTab(Tab):
         if self.is_shown:
             self._show_threshold()
 
-    def set_stage(self, name, on) -> None:
+    def set_stage(self, name, is_included) -> None:
         """Include or exclude a stage."""
-        self.work.set_items(STAGES, [str(name)], bool(on))
+        self.work.set_items(STAGES, [str(name)], bool(is_included))
 
-    def set_effect(self, name, on) -> None:
+    def set_effect(self, name, is_included) -> None:
         """Include or exclude an effect."""
-        self.work.set_items(EFFECTS, [str(name)], bool(on))
+        self.work.set_items(EFFECTS, [str(name)], bool(is_included))
 
     def exclude_above(self, threshold) -> None:
         """Exclude the samples whose residual is longer than a threshold, mm."""
         count = self.work.exclude_above(number_of(threshold, "threshold"))
         verb = "is" if count == 1 else "are"
-        self.page.say(f"{counted(count, 'sample')} {verb} excluded; rerun to see the effect.")
+        self.page.show_message(
+            f"{counted(count, 'sample')} {verb} excluded; rerun to see the effect."
+        )
 
     def undo(self) -> None:
         """Take the last change back."""
@@ -299,4 +301,4 @@ class EditTab(Tab):
             self.state.job_text = "Cancelled; nothing was written."
         else:
             self.state.job_text = f"The run failed: {job.last_line}"
-            self.page.say(f"The run failed: {job.last_line}", "error")
+            self.page.show_message(f"The run failed: {job.last_line}", "error")

@@ -49,11 +49,11 @@ class ImportTab(Tab):
         for key, _ in _TEXTS:
             state[f"import_{key}"] = ""
         dropped = "import_files = Array.from($event.dataTransfer.files)"
-        over = ("dragover", "dragover.prevent")
+        drag_events = ("dragover", "dragover.prevent")
         with html.Div(
             drop=dropped,
             dragover="",
-            __events=[("drop", "drop.prevent"), over],
+            __events=[("drop", "drop.prevent"), drag_events],
             style="min-height: 80vh",
             **raw(data_drop=True),
         ):
@@ -341,7 +341,7 @@ class ImportTab(Tab):
         """Take dropped files up."""
         files = files if isinstance(files, list | tuple) else [files]
         self.state.import_files = []
-        self.page.say("")
+        self.page.show_message("")
         try:
             self.draft.add([file for file in files if isinstance(file, dict)])
         except InputError:
@@ -379,5 +379,5 @@ class ImportTab(Tab):
         self.draft.trial.keep(folder)
         self.page.open(str(folder))
         self.draft.clear()
-        self.page.say(f"The recording is in {folder}.", "success")
+        self.page.show_message(f"The recording is in {folder}.", "success")
         self.page.go_to_tab("recording")

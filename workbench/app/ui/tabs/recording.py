@@ -158,7 +158,7 @@ class RecordingTab(Tab):
         if self.state.has_arm:
             is_still = _is_still(self.work)
             self.overlay("scene", robot.scene_marks(self.work) if is_still else Overlay())
-            self.draw_still("scene", self._still)
+            self.draw_still("scene", self._static_scene)
             self._draw_scene(self.draw_when_changed)
         if self.state.has_joints:
             self._draw_coverage(self.draw_when_changed)
@@ -178,7 +178,7 @@ class RecordingTab(Tab):
         key = (work.opened, 0 if _is_still(work) else work.current)
         send("scene", key, lambda: _scene(work))
 
-    def _still(self):
+    def _static_scene(self):
         return _scene(self.work), robot.scene_marks(self.work) if _is_still(self.work) else None
 
     def _draw_coverage(self, send: Callable) -> None:
@@ -193,16 +193,16 @@ class RecordingTab(Tab):
         self.state.row = work.current
         self.state.row_table = row_table(work) if work.count else []
         number = work.opened.samples.sample_ids[row] if work.count else 0
-        parts = [f"Sample {number} ({work.current + 1:,} of {work.count:,})"]
+        phrases = [f"Sample {number} ({work.current + 1:,} of {work.count:,})"]
         time = work.opened.samples.columns.get("time_s")
         if time is not None and work.count:
-            parts.append(f"time {float(time[row]):,.6g} s")
+            phrases.append(f"time {float(time[row]):,.6g} s")
         if (found := work.opened.residuals) is not None:
             kind = kind_label(found, "")
-            parts.append(f"residual ({kind}) {work.lengths()[work.current]:.4f} mm")
+            phrases.append(f"residual ({kind}) {work.lengths()[work.current]:.4f} mm")
         if work.count and not work.kept[work.current]:
-            parts.append("excluded")
-        self.state.row_text = ", ".join(parts)
+            phrases.append("excluded")
+        self.state.row_text = ", ".join(phrases)
 
     def _show_image(self) -> None:
         index = self._image_place(self.state.image)
@@ -233,9 +233,9 @@ class RecordingTab(Tab):
             raise InputError(f"No sample of this run has the number {number}; correct the number")
         self.work.go_to(int(found[0]))
 
-    def use_image(self, image, on) -> None:
+    def use_image(self, image, is_included) -> None:
         """Include or exclude the image at a place of images.csv."""
-        self.work.set_image(self._image_place(image), bool(on))
+        self.work.set_image(self._image_place(image), bool(is_included))
 
     def select_sample(self, image) -> None:
         """Select the sample of an image, and show its pose and row."""

@@ -70,12 +70,12 @@ class ResidualsTab(Tab):
         )
         self.errors.build()
         with html.Div(v_if="has_rows"):
-            self._parts()
+            self._build_parts()
         self.excluded.build()
         for name in ("quantity", "kind"):
             state.change(name)(self._on_choice)
 
-    def _parts(self) -> None:
+    def _build_parts(self) -> None:
         """Figures, selection, and the sample that was selected last."""
         with v3.VRow(v_if="!no_residuals"):
             with v3.VCol(cols=12, lg=6):
@@ -152,13 +152,13 @@ class ResidualsTab(Tab):
             self._field("wanted_sample", "Sample number")
             self.button("Select sample", self.select_sample, "[wanted_sample, select_mode]")
         with html.Div(classes="d-flex flex-wrap align-center"):
-            some = {"disabled": ("!selected_count",)}
+            when_selected = {"disabled": ("!selected_count",)}
             main = {"color": "primary", "variant": "flat"}
-            self.button("Clear selection", self.clear, **some)
-            self.button("Exclude selected samples", self.exclude, **main, **some)
-            self.button("Exclude their poses", self.exclude_poses, **some)
-            self.button("Include selected samples", self.include, **some)
-            self.button("Show in recording", self.show_in_recording, **some)
+            self.button("Clear selection", self.clear, **when_selected)
+            self.button("Exclude selected samples", self.exclude, **main, **when_selected)
+            self.button("Exclude their poses", self.exclude_poses, **when_selected)
+            self.button("Include selected samples", self.include, **when_selected)
+            self.button("Show in recording", self.show_in_recording, **when_selected)
         with v3.VTable(
             density="compact",
             v_if="selected_table.length",
@@ -217,7 +217,7 @@ class ResidualsTab(Tab):
             return
         self._show_marks()
         if not state.no_arrows:
-            self.draw_still("arrows", self._still)
+            self.draw_still("arrows", self._static_scene)
         self._draw_histogram(self.draw_when_changed)
         self._draw_chart(self.draw_when_changed)
         self._draw_arrows(self.draw_when_changed)
@@ -246,7 +246,7 @@ class ResidualsTab(Tab):
         self.overlay("chart", residuals.chart_marks(work, state.quantity, state.kind or ""))
         self.overlay("arrows", residuals.arrow_marks(work))
 
-    def _still(self):
+    def _static_scene(self):
         return residuals.arrows(self.work), residuals.arrow_marks(self.work)
 
     def _draw_chart(self, send: Callable) -> None:
@@ -268,10 +268,14 @@ class ResidualsTab(Tab):
         work = self.work
         rows = work.selected_rows
         self.state.selected_count = len(rows)
-        excluded = int((~work.kept).sum()) + work.outside
-        outside = f" ({work.outside:,} of them not in this run)" if work.outside else ""
+        excluded = int((~work.kept).sum()) + work.excluded_outside_run
+        not_in_run = (
+            f" ({work.excluded_outside_run:,} of them not in this run)"
+            if work.excluded_outside_run
+            else ""
+        )
         self.state.selection_text = (
-            f"{len(rows):,} of {work.count:,} samples selected; {excluded:,} excluded{outside}"
+            f"{len(rows):,} of {work.count:,} samples selected; {excluded:,} excluded{not_in_run}"
         )
         self.state.selected_table = [self._row(int(row)) for row in rows[:50]]
         self.state.selected_heads = _heads(self.state.selected_table, self.state.residual_unit)
@@ -373,17 +377,17 @@ class ResidualsTab(Tab):
     def exclude(self) -> None:
         """Exclude the selected samples."""
         self.work.exclude_selected()
-        self.page.say("The samples are excluded; rerun to see the effect.")
+        self.page.show_message("The samples are excluded; rerun to see the effect.")
 
     def exclude_poses(self) -> None:
         """Exclude the poses of the selected samples."""
         self.work.exclude_poses()
-        self.page.say("The poses are excluded; rerun to see the effect.")
+        self.page.show_message("The poses are excluded; rerun to see the effect.")
 
     def include(self) -> None:
         """Include what is excluded of the selected samples."""
         self.work.include_selected()
-        self.page.say("The samples are included again; rerun to see the effect.")
+        self.page.show_message("The samples are included again; rerun to see the effect.")
 
     def show_in_recording(self) -> None:
         """Show the first selected sample in the recording, with its pose, its row and its image."""

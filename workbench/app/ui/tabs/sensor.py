@@ -205,9 +205,9 @@ class SensorTab(Tab):
         if places and self.state.sensor_images:
             self.state.sensor_image = self._image_place(places[0])
 
-    def use_image(self, place, on) -> None:
+    def use_image(self, place, is_included) -> None:
         """Include or exclude the image at a place of images.csv."""
-        self.work.set_image(self._image_place(place), bool(on))
+        self.work.set_image(self._image_place(place), bool(is_included))
 
     def _on_image(self, **_) -> None:
         if self.is_shown and self.state.sensor_images:

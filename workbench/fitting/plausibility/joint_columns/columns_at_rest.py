@@ -20,9 +20,9 @@ def constant_columns(recording) -> list[str]:
 def constant_coordinates(recording) -> list[str]:
     """Measured coordinates with one value only, where at least one other coordinate varies."""
     names = [name for name in POINT if name in recording.columns]
-    still = [name for name in names if np.ptp(recording.columns[name]) == 0]
-    if len(still) < len(names):
-        return still
+    constant = [name for name in names if np.ptp(recording.columns[name]) == 0]
+    if len(constant) < len(names):
+        return constant
     return []
 
 

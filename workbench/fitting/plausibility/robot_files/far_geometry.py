@@ -17,7 +17,7 @@ from workbench.fitting.plausibility.wording import far_parameters, listed
 
 CAUSE = "geometry"
 OTHER_ROBOT = "other-robot"
-FAR = 6.0
+MAX_DEVIATION = 6.0
 """Prior standard deviations beyond which no tolerance of manufacture explains a geometry parameter."""
 _UNUSUAL = 3.0
 """Prior standard deviations from which the robots of the library are tried: a similar model may differ by little."""
@@ -87,16 +87,18 @@ def far_geometry(robot: Robot, recording, fit: Fit) -> FarGeometry | None:
         return None
     other = _other_robot(robot, recording, fit)
     if other is None:
-        parameters = far_parameters(fit, FAR)
+        parameters = far_parameters(fit, MAX_DEVIATION)
     return FarGeometry(robot.name, parameters, other) if parameters else None
 
 
 def _other_robot(robot: Robot, recording, recorded: Fit) -> str | None:
     """Name of the most probable robot of the library that fits as well with plausible errors; None without one."""
     chosen = recording.select(even_rows(recording, _ROWS))
-    screened = sorted((nominal_scale(known, chosen), name) for name, known in _alike(robot))
+    screened = sorted(
+        (nominal_scale(known, chosen), name) for name, known in _robots_of_same_kind(robot)
+    )
     # a geometry that no tolerance explains needs no further evidence against it
-    is_far = np.abs(recorded.deviations).max(initial=0.0) > FAR
+    is_far = np.abs(recorded.deviations).max(initial=0.0) > MAX_DEVIATION
     needed, fits = 0.0 if is_far else _EVIDENCE, []
     for _, name in screened[:_TESTED]:
         try:
@@ -110,7 +112,7 @@ def _other_robot(robot: Robot, recording, recorded: Fit) -> str | None:
     return min(fits)[1] if fits else None
 
 
-def _alike(robot: Robot) -> Iterator[tuple[str, Robot]]:
+def _robots_of_same_kind(robot: Robot) -> Iterator[tuple[str, Robot]]:
     """Robots of the library with joints of the same kinds."""
     for name in builtin_robots():
         known = load_robot({"builtin": name})

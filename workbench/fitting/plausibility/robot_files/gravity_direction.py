@@ -155,7 +155,7 @@ def _best_direction(deflections: "_Deflections") -> np.ndarray:
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     held_out = [deflections.held_out(axis) for axis in axes]
     best = int(np.argmin([_rms(errors) for errors in held_out]))
-    estimated = _estimated(deflections.whole)
+    estimated = _estimated(deflections.complete)
     is_off = _angle_deg(estimated, axes[best]) > _OFF_AXIS_DEG
     if is_off and _is_significant(deflections.held_out(estimated), held_out[best]):
         return estimated
@@ -163,14 +163,14 @@ def _best_direction(deflections: "_Deflections") -> np.ndarray:
 
 
 def _estimated(form: np.ndarray) -> np.ndarray:
-    """(3,) unit vector of the least squares, from the best of 26 directions; form: as of `_Deflections.whole`."""
+    """(3,) unit vector of the least squares, from the best of 26 directions; form: as of `_Deflections.complete`."""
     grid = [np.array(v, float) for v in product((-1, 0, 1), repeat=3) if any(v)]
     starts = [v / np.linalg.norm(v) for v in grid]
     start = min(starts, key=lambda direction: _squares(form, direction))
-    across = np.linalg.svd(start[None])[2][1:]
+    perpendicular = np.linalg.svd(start[None])[2][1:]
 
     def at(tilt):
-        rotated = start + tilt @ across
+        rotated = start + tilt @ perpendicular
         return rotated / np.linalg.norm(rotated)
 
     found = minimize(lambda tilt: _squares(form, at(tilt)), np.zeros(2), method="Nelder-Mead")
@@ -200,11 +200,11 @@ class _Deflections:
     """Least squares of the deflections of K joints, which all other parameters are estimated with.
 
     Quadratic forms of the residual (first) and of the deflections per unit of compliance under gravity along x, y and z
-    (3 K): `whole` (1 + 3K, 1 + 3K) of all samples, `trained` (F, ...) of those without each fold, `tested` (F, ...) of
-    the predicted positions of each fold, as a mean over its samples, mm^2.
+    (3 K): `complete` (1 + 3K, 1 + 3K) of all samples, `trained` (F, ...) of those without each fold, `tested` (F, ...)
+    of the predicted positions of each fold, as a mean over its samples, mm^2.
     """
 
-    whole: np.ndarray
+    complete: np.ndarray
     trained: np.ndarray
     tested: np.ndarray
 
@@ -226,8 +226,8 @@ def _squares(form: np.ndarray, direction: np.ndarray) -> float:
 
 def _with_compliances(form: np.ndarray, direction: np.ndarray, is_signed: bool) -> np.ndarray:
     """(1 + 3K,) one of the residual, and the deflections with the compliances of the least squares."""
-    each = form[1:, 1:].reshape(3, -1, 3, (len(form) - 1) // 3)
-    normal = np.einsum("i,ikjl,j->kl", direction, each, direction)
+    blocks = form[1:, 1:].reshape(3, -1, 3, (len(form) - 1) // 3)
+    normal = np.einsum("i,ikjl,j->kl", direction, blocks, direction)
     right = -direction @ form[0, 1:].reshape(3, -1)
     size = np.sqrt(np.maximum(np.diag(normal), 0.0))
     active = size > np.sqrt(_LEAST_LOAD) * max(size.max(initial=0.0), 1e-300)
@@ -263,12 +263,14 @@ def _deflections(robot, recording, fit: Fit, with_bearings: bool = False) -> _De
     tested = np.stack([_form(positions[..., fold == k], weights[fold == k]) for k in range(_FOLDS)])
     tested /= np.array([weights[fold == k].sum() for k in range(_FOLDS)])[:, None, None]
     prior = _prior(robot, chosen, parameters, others, len(rows)) * variance
-    whole = forms.sum(0) + prior
-    maps = [_eliminated(whole - form, others) for form in forms]
+    complete = forms.sum(0) + prior
+    maps = [_eliminated(complete - form, others) for form in forms]
     return _Deflections(
-        _reduced(whole, _eliminated(whole, others)),
-        np.stack([_reduced(whole - form, each) for form, each in zip(forms, maps)]),
-        np.stack([_reduced(form, each) for form, each in zip(tested, maps)]),
+        _reduced(complete, _eliminated(complete, others)),
+        np.stack(
+            [_reduced(complete - form, elimination) for form, elimination in zip(forms, maps)]
+        ),
+        np.stack([_reduced(form, elimination) for form, elimination in zip(tested, maps)]),
     )
 
 

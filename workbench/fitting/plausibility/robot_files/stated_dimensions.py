@@ -33,12 +33,12 @@ def dimension_suspicion(robot, recording, fit: Fit) -> Suspicion | None:
     for p, value, sigma, expected in zip(table, parameters.pack(), std, prior):
         if p.unit != "mm" or not _is_length(p.key, robot) or sigma > _DETERMINED * expected:
             continue
-        off = value - p.null
+        deviation = value - p.null
         tolerance_mm = _tolerance_mm(robot, _joint(p.key))
-        if abs(off) > tolerance_mm + _SIGNIFICANT * sigma:
+        if abs(deviation) > tolerance_mm + _SIGNIFICANT * sigma:
             name = p.key.partition(".")[2]
             found.append(
-                f"{name} = {with_std(value, sigma)} mm instead of {p.null:g} ({off:+.3g} mm)"
+                f"{name} = {with_std(value, sigma)} mm instead of {p.null:g} ({deviation:+.3g} mm)"
             )
     if not found:
         return None

@@ -47,10 +47,10 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class ChangePoint:
-    """`what` moved between samples `before` and `after`; `gain`: factor by which that lowers the RMS to `scale` mm;
-    `shift_mm`: RMS displacement of the measured points by the motion."""
+    """`moved_object` moved between samples `before` and `after`; `gain`: factor by which that lowers the RMS to `scale`
+    mm; `shift_mm`: RMS displacement of the measured points by the motion."""
 
-    what: str
+    moved_object: str
     before: int
     after: int
     gain: float
@@ -80,10 +80,10 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
     gain = float(np.sqrt(system.squares / unexplained))
     if gain < _LEAST_GAIN:
         return None
-    what = _what(place, recording.measures)
+    moved_object = _moved_object(place, recording.measures)
     before, after = _neighbours(recording, order, k)
     scale = np.sqrt(unexplained / ordered.n)
-    return ChangePoint(what, before, after, gain, scale, system.shift(place, k))
+    return ChangePoint(moved_object, before, after, gain, scale, system.shift(place, k))
 
 
 def _neighbours(recording, order, k: int) -> tuple[int, int]:
@@ -111,7 +111,7 @@ def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
     return best
 
 
-def _what(place: str, measures: str) -> str:
+def _moved_object(place: str, measures: str) -> str:
     """Object that has moved at a place, as the subject of a sentence."""
     if place.startswith("joint-"):
         return f"the zero of {place.replace('-', ' ')} (lost counts, a slipped belt)"
@@ -225,10 +225,12 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
-    what = _what(place, recording.measures)
+    moved_object = _moved_object(place, recording.measures)
     scale = float(max(before, after))
     last_before, first_after = _neighbours(recording, order, split + 1)
-    return ChangePoint(what, last_before, first_after, shift / max(scale, 1e-9), scale, shift)
+    return ChangePoint(
+        moved_object, last_before, first_after, shift / max(scale, 1e-9), scale, shift
+    )
 
 
 def _fit_of(robot, recording, rows):

@@ -32,7 +32,7 @@ from workbench.fitting.plausibility.rows.single_values import (
     wrong_reading,
 )
 
-FAR = 10.0
+OUTLIER_FACTOR = 10.0
 """Times the median mismatch, which is about 15 standard deviations of one coordinate."""
 _MOST_ISOLATED, _GAP = 0.2, 2.0
 """Share of the rows that may be isolated, and how many times the next smaller mismatch they reach at least."""
@@ -41,12 +41,12 @@ _FEW_VALUES, _RARE = 8, 0.25
 _SEVERAL, _CHANCE = 3, 0.01
 _NUMBERS = ("sample", "pose", "repeat")
 _TARGETS = {"ball", "reflector"}
-_NEAR = 4.0
+_FITTING_FACTOR = 4.0
 _UNIT_DIGITS = 1e-3
 """Of a unit: half a step of a coordinate with three digits, and more for three coordinates."""
 _NEARLY_ALL = 0.8
 _LEAST_OF_RUN = 0.5
-_ALIKE = 1.05
+_EQUAL_RATIO = 1.05
 _NAMED = 12
 _LOST_DIGITS = (-3, -2, -1, 1, 2, 3, 4, 5, 6)
 """Places by which a decimal point may be too far to the right."""
@@ -75,16 +75,18 @@ class Outliers:
         return "gross errors of single measurements are the likely cause"
 
 
-def find_outliers(robot, recording, fit, floor: float, far: float = FAR) -> Outliers | None:
+def find_outliers(
+    robot, recording, fit, floor: float, factor: float = OUTLIER_FACTOR
+) -> Outliers | None:
     """Rows far off the fit, of all rows of the recording; None where there are none.
 
     floor: mm by which unmodelled effects may put a single row off. Below it, rows are outliers only where a gap
     separates them from all others: unmodelled effects fill the range between the typical and the largest mismatch.
-    far: times the median mismatch that an outlier reaches at least.
+    factor: times the median mismatch that an outlier reaches at least.
     """
     mismatch = row_mismatch(robot, recording, fit)
     median = float(np.median(mismatch))
-    is_far = mismatch > far * median * _stated_uncertainty(recording)
+    is_far = mismatch > factor * median * _stated_uncertainty(recording)
     rows = np.flatnonzero(is_far & (mismatch > floor))
     is_small = not len(rows)
     if is_small and fit.degrees >= _LEAST_SPARE_DEGREES:
@@ -140,7 +142,7 @@ def _is_condition(recording, rows: np.ndarray) -> bool:
 
 def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
     """The most specific reason that the outlying rows agree with."""
-    near = _NEAR * outliers.median
+    tolerance = _FITTING_FACTOR * outliers.median
     for explain in (
         _stuck,
         _of_group(held_measurements),
@@ -160,7 +162,7 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         _of_group(another_frame),
         _of_group(copied_readings),
     ):
-        reason = explain(robot, recording, fit, outliers, near)
+        reason = explain(robot, recording, fit, outliers, tolerance)
         if reason is not None:
             return reason
     return Reason(outliers.likely_cause, "blunders", False)
@@ -168,12 +170,12 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
 
 def _of_group(explain):
     """An explanation of a group of rows as one of outliers."""
-    return lambda robot, recording, fit, outliers, near: explain(
-        robot, recording, fit, outliers.rows, near
+    return lambda robot, recording, fit, outliers, tolerance: explain(
+        robot, recording, fit, outliers.rows, tolerance
     )
 
 
-def _wrong_target(robot, recording, fit, outliers, near) -> Reason | None:
+def _wrong_target(robot, recording, fit, outliers, tolerance) -> Reason | None:
     """Nearly all rows of one ball or reflector are outliers."""
     label = "ball" if recording.measures in ("ball-centre", "ball-surface") else "reflector"
     numbers = recording.columns.get(label)
@@ -196,8 +198,8 @@ def named_samples(recording, rows, mismatch) -> str:
     """
     shown = rows[:_NAMED]
     ids = [str(i) for i in recording.sample_ids[shown]]
-    if mismatch[rows].max() > _ALIKE * mismatch[rows].min():
-        ids = [f"{name} ({off:.3g} mm)" for name, off in zip(ids, mismatch[shown])]
+    if mismatch[rows].max() > _EQUAL_RATIO * mismatch[rows].min():
+        ids = [f"{name} ({distance:.3g} mm)" for name, distance in zip(ids, mismatch[shown])]
     unlisted = _unlisted(len(rows))
     return f"sample{'s' * (len(rows) > 1)} {listed([*ids, *unlisted])}"
 
@@ -207,7 +209,7 @@ def _unlisted(count: int) -> list[str]:
     return [f"{count - _NAMED} more"] if count > _NAMED else []
 
 
-def _other_labels(robot, recording, fit, outliers, near):
+def _other_labels(robot, recording, fit, outliers, tolerance):
     """Rows that fit another ball or another reflector."""
     label = "ball" if recording.measures == "ball-centre" else "reflector"
     if label == "ball":
@@ -230,7 +232,7 @@ def _other_labels(robot, recording, fit, outliers, near):
             relabelled = replace(recording, columns=columns)
             if len(np.unique(columns[label])) == len(seen) or label == "ball":
                 distances[k] = row_mismatch(robot, relabelled, fit)[outliers.rows]
-    better = distances.min(0) < near
+    better = distances.min(0) < tolerance
     if better.mean() < 0.7:
         return None
     numbers = np.array(known)[distances.argmin(0)]
@@ -245,15 +247,15 @@ def _other_labels(robot, recording, fit, outliers, near):
     )
 
 
-def _stuck(robot, recording, fit, outliers, near):
+def _stuck(robot, recording, fit, outliers, tolerance):
     """Outlying rows in which one joint column stays at one value while the others change."""
     run = longest_run(recording)
     if run is None:
         return None
     name, first, last = run
-    within = (outliers.rows >= first) & (outliers.rows <= last)
+    is_in_run = (outliers.rows >= first) & (outliers.rows <= last)
     # a joint that rests in most rows, as the axis of a track may, explains no few outliers among them
-    if within.mean() < _NEARLY_ALL or within.sum() < _LEAST_OF_RUN * (last - first + 1):
+    if is_in_run.mean() < _NEARLY_ALL or is_in_run.sum() < _LEAST_OF_RUN * (last - first + 1):
         return None
     ids = recording.sample_ids
     return Reason(
@@ -263,7 +265,7 @@ def _stuck(robot, recording, fit, outliers, near):
     )
 
 
-def _other_unit(robot, recording, fit, outliers, near):
+def _other_unit(robot, recording, fit, outliers, tolerance):
     """Outlying rows whose points fit in another unit of length; its digits may be coarser."""
     if not set(POINT) <= set(recording.columns) or len(outliers.rows) < 2:
         return None
@@ -272,7 +274,7 @@ def _other_unit(robot, recording, fit, outliers, near):
         size = LENGTHS[unit]
         columns = {n: size * v if n in POINT else v for n, v in recording.columns.items()}
         scaled = row_mismatch(robot, replace(recording, columns=columns), fit)[rows]
-        if (scaled < max(near, _UNIT_DIGITS * size)).mean() > 0.7:
+        if (scaled < max(tolerance, _UNIT_DIGITS * size)).mean() > 0.7:
             return Reason(
                 f"their coordinates fit in the unit {unit} instead of mm, so that units are mixed",
                 "length-unit",
@@ -280,7 +282,7 @@ def _other_unit(robot, recording, fit, outliers, near):
     return None
 
 
-def _lost_decimal_points(robot, recording, fit, outliers, near):
+def _lost_decimal_points(robot, recording, fit, outliers, tolerance):
     """Outlying rows that fit if the decimal point of one cell is at another place."""
     # a fit has the parameters of every target, so that one row of each is needed
     targets = [
@@ -295,7 +297,7 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
     for name, digits in product(names, _LOST_DIGITS):
         values = wrong.columns[name] / 10.0**digits
         moved = replace(wrong, columns={**wrong.columns, name: values})
-        fits = is_outlying & (row_mismatch(robot, moved, fit) < near) & (values != 0)
+        fits = is_outlying & (row_mismatch(robot, moved, fit) < tolerance) & (values != 0)
         for k in np.flatnonzero(fits):
             cells.setdefault(k, (name, values[k]))
     if not cells:
@@ -305,15 +307,15 @@ def _lost_decimal_points(robot, recording, fit, outliers, near):
         for k, (name, value) in sorted(cells.items())
     ]
     unlisted = _unlisted(len(sentences))
-    rest = len(outliers.rows) - len(cells)
-    others = f"; for the other {rest}, {outliers.likely_cause}" if rest else ""
+    other_count = len(outliers.rows) - len(cells)
+    others = f"; for the other {other_count}, {outliers.likely_cause}" if other_count else ""
     return Reason(
         f"a decimal point is lost or misplaced: {listed([*sentences[:_NAMED], *unlisted])}{others}",
         "decimal-point",
     )
 
 
-def _shifted(robot, recording, fit, outliers, near):
+def _shifted(robot, recording, fit, outliers, tolerance):
     """Outlying rows whose measurement fits the joint readings of a neighbouring row."""
     names = observed_columns(recording)
     if recording.measures == "distance" or not names:
@@ -326,7 +328,7 @@ def _shifted(robot, recording, fit, outliers, near):
         source = np.arange(recording.n)
         source[rows] -= step
         columns = {c: v if c in names else v[source] for c, v in recording.columns.items()}
-        fitting = row_mismatch(robot, replace(recording, columns=columns), fit)[rows] < near
+        fitting = row_mismatch(robot, replace(recording, columns=columns), fit)[rows] < tolerance
         if fitting.mean() > 0.7:
             first, last = recording.sample_ids[rows[fitting][[0, -1]]]
             count = "a row is" if abs(step) == 1 else f"{abs(step)} rows are"
@@ -338,7 +340,7 @@ def _shifted(robot, recording, fit, outliers, near):
     return None
 
 
-def _interchanged(robot, recording, fit, outliers, near):
+def _interchanged(robot, recording, fit, outliers, tolerance):
     """Outlying rows whose measurements fit one another's joint readings."""
     if (
         "x_mm" not in recording.columns
@@ -351,7 +353,7 @@ def _interchanged(robot, recording, fit, outliers, near):
     predicted = measured + row_residual(robot, recording, fit)[:POSITION].T
     gaps = np.linalg.norm(measured[rows][:, None] - predicted[rows][None], axis=2)
     partner = gaps.argmin(1)
-    fitting = (gaps.min(1) < near) & (partner != np.arange(len(rows)))
+    fitting = (gaps.min(1) < tolerance) & (partner != np.arange(len(rows)))
     if fitting.sum() >= max(2, 0.6 * len(rows)):
         ids = recording.sample_ids
         pairs = []

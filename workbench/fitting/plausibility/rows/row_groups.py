@@ -19,10 +19,10 @@ from workbench.fitting.plausibility.fitting import (
     tool_patterns,
 )
 
-_MOST = 0.7
+_MIN_SHARE = 0.7
 """Share of the rows of a group that have to fit under the common mistake."""
 _LEAST_ROWS = 8
-_ALIKE = 2.0
+_EQUAL_RATIO = 2.0
 """Base and tool that leave mismatches within this factor explain a displacement about equally well."""
 _STEPS = 30
 _REMAINING = 0.1
@@ -39,15 +39,15 @@ class Reason:
     is_specific: bool = True
 
 
-def readings_in_other_unit(robot, recording, fit: Fit, rows, near: float) -> Reason | None:
+def readings_in_other_unit(robot, recording, fit: Fit, rows, tolerance: float) -> Reason | None:
     """The rows fit if their joint readings are in another unit of angle: exports with different units were joined.
 
-    rows: numbers of the outlying rows. near: mismatch in mm below which a row fits.
+    rows: numbers of the outlying rows. tolerance: mismatch in mm below which a row fits.
     """
     names = [name for name in joint_columns(recording.columns) if name.endswith("_deg")]
     for unit in _UNITS:
         scaled = {name: ANGLES[unit] * recording.columns[name] for name in names}
-        if _share_fitting(robot, recording, scaled, fit, rows, near) > _MOST:
+        if _share_fitting(robot, recording, scaled, fit, rows, tolerance) > _MIN_SHARE:
             return Reason(
                 f"their joint readings fit in the unit {unit} instead of deg, so that units are mixed",
                 "joint-unit",
@@ -55,12 +55,12 @@ def readings_in_other_unit(robot, recording, fit: Fit, rows, near: float) -> Rea
     return None
 
 
-def lost_signs(robot, recording, fit: Fit, rows, near: float) -> Reason | None:
+def lost_signs(robot, recording, fit: Fit, rows, tolerance: float) -> Reason | None:
     """The rows fit with the opposite sign in one column: minus signs were lost, or added."""
     points = [name for name in POINT if name in recording.columns]
     for name in (*joint_columns(recording.columns), *points):
         reversed_column = {name: -recording.columns[name]}
-        if _share_fitting(robot, recording, reversed_column, fit, rows, near) > _MOST:
+        if _share_fitting(robot, recording, reversed_column, fit, rows, tolerance) > _MIN_SHARE:
             signs = np.sign(recording.columns[name])
             one_sign = (signs >= 0).all() or (signs <= 0).all()
             lost = "; the column has no value of the other sign at all" if one_sign else ""
@@ -72,13 +72,13 @@ def lost_signs(robot, recording, fit: Fit, rows, near: float) -> Reason | None:
     return None
 
 
-def interchanged_columns(robot, recording, fit: Fit, rows, near: float) -> Reason | None:
+def interchanged_columns(robot, recording, fit: Fit, rows, tolerance: float) -> Reason | None:
     """The rows fit with two columns interchanged: exports with different orders of columns were joined."""
     points = [name for name in POINT if name in recording.columns]
     joints = joint_columns(recording.columns)
     for a, b in (*combinations(points, 2), *combinations(joints, 2)):
         exchanged = {a: recording.columns[b], b: recording.columns[a]}
-        if _share_fitting(robot, recording, exchanged, fit, rows, near) > _MOST:
+        if _share_fitting(robot, recording, exchanged, fit, rows, tolerance) > _MIN_SHARE:
             return Reason(
                 f"they fit if columns {a} and {b} are interchanged: the order of columns is mixed",
                 "axis-order" if a in points else "joint-order",
@@ -86,15 +86,15 @@ def interchanged_columns(robot, recording, fit: Fit, rows, near: float) -> Reaso
     return None
 
 
-def _share_fitting(robot, recording, columns, fit: Fit, rows, near: float) -> float:
+def _share_fitting(robot, recording, columns, fit: Fit, rows, tolerance: float) -> float:
     """Share of the rows that fit with other values in some columns."""
     if len(rows) < 2:
         return 0.0
     changed = replace(recording, columns={**recording.columns, **columns})
-    return float((row_mismatch(robot, changed, fit)[rows] < near).mean())
+    return float((row_mismatch(robot, changed, fit)[rows] < tolerance).mean())
 
 
-def another_frame(robot, recording, fit: Fit, rows, near: float) -> Reason | None:
+def another_frame(robot, recording, fit: Fit, rows, tolerance: float) -> Reason | None:
     """The rows, or those of one half of the time, fit with another base or another tool: not proven to be a mistake.
 
     A second station of the instrument and a second tool displace rows rigidly, in the frame of the base or of the
@@ -104,25 +104,26 @@ def another_frame(robot, recording, fit: Fit, rows, near: float) -> Reason | Non
     for part in (rows, *np.array_split(rows, 2)):
         if len(part) < _LEAST_ROWS:
             continue
-        limit = max(near, _REMAINING * float(np.median(mismatch[part])))
+        limit = max(tolerance, _REMAINING * float(np.median(mismatch[part])))
         refitted = {
             place: _refitted(robot, recording.select(part), fit, place) for place in _PLACES
         }
-        least = min(float(np.median(one)) for one in refitted.values())
+        smallest = min(float(np.median(mismatches)) for mismatches in refitted.values())
         places = [
             place
-            for place, one in refitted.items()
-            if (one < limit).mean() > _MOST and np.median(one) <= _ALIKE * least
+            for place, mismatches in refitted.items()
+            if (mismatches < limit).mean() > _MIN_SHARE
+            and np.median(mismatches) <= _EQUAL_RATIO * smallest
         ]
         if places:
             ids = recording.sample_ids[part]
             if len(part) == len(rows):
-                which = "they"
+                subject = "they"
             else:
-                which = f"samples {ids[0]} to {ids[-1]} of them"
+                subject = f"samples {ids[0]} to {ids[-1]} of them"
             found = ", or with ".join(_PLACES[place] for place in places)
             return Reason(
-                f"{which} fit with {found}; calibrate these rows separately", "moved", False
+                f"{subject} fit with {found}; calibrate these rows separately", "moved", False
             )
     return None
 
@@ -152,10 +153,12 @@ def _refitted(robot, part, fit: Fit, place: str) -> np.ndarray:
     if not patterns:
         return np.full(part.n, np.inf)
     try:
-        own = fit_recording(robot, part).parameters
+        own_parameters = fit_recording(robot, part).parameters
         common = dict(zip(fit.parameters.keys, fit.parameters.values))
-        kept = [common.get(key, value) for key, value in zip(own.keys, own.values)]
-        values = np.where(own.matching(*patterns), own.values, kept)
+        kept = [
+            common.get(key, value) for key, value in zip(own_parameters.keys, own_parameters.values)
+        ]
+        values = np.where(own_parameters.matching(*patterns), own_parameters.values, kept)
         refitted = fit_recording(robot, part, values, free=patterns, steps=_STEPS)
         return row_mismatch(robot, part, refitted)
     except FAILURES:
@@ -215,9 +218,9 @@ def _by_tool(robot, recording, recorded: Fit) -> Iterator[np.ndarray]:
     axes = rows[:, :POSITION].reshape(-1, 3, POSITION, recording.n).sum(0)
     displacements = np.einsum("abn,bn->na", axes, residual[:POSITION])
     displacements -= displacements.mean(0)
-    along = displacements @ np.linalg.svd(displacements, full_matrices=False)[2][0]
-    yield np.flatnonzero(along > 0)
-    yield np.flatnonzero(along <= 0)
+    axial = displacements @ np.linalg.svd(displacements, full_matrices=False)[2][0]
+    yield np.flatnonzero(axial > 0)
+    yield np.flatnonzero(axial <= 0)
 
 
 def _grown(robot, recording, rows, good: float) -> Group | None:

@@ -68,7 +68,7 @@ def best_labels(
         return None
     candidates = [labelled(mapping, name) for name in names]
     fits = [fit(candidate) for candidate in candidates]
-    good = [place for place, one in enumerate(fits) if one is not None and one.is_good]
+    good = [place for place, fitted in enumerate(fits) if fitted is not None and fitted.is_good]
     good.sort(key=lambda place: fits[place].improbability)
     if not good or any(not fits[good[0]].clearly_beats(fits[place]) for place in good[1:]):
         return None

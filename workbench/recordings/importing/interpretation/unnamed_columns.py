@@ -109,18 +109,22 @@ def _sentence(table: RawTable, mapping: Mapping, chosen: _Found, has_surplus: bo
     if has_surplus:
         all_joints = f"the readings of the {len(read.joints.columns)} joints"
     if mapping.joints != read.joints:
-        which = [(all_joints, read.joints.columns)]
+        columns_of_role = [(all_joints, read.joints.columns)]
     else:
-        which = []
+        columns_of_role = []
     if read.reflectors:
         columns = [name for names in read.reflectors.values() for name in names]
-        which += [(f"the points of {len(read.reflectors)} reflectors on one tool", tuple(columns))]
+        columns_of_role += [
+            (f"the points of {len(read.reflectors)} reflectors on one tool", tuple(columns))
+        ]
     elif mapping.point is None:
-        which += [("the measured point", read.point.columns)]
+        columns_of_role += [("the measured point", read.point.columns)]
     labels = tuple(name for name in read.columns if name not in mapping.columns)
-    which += [("the reflector of each row", labels)] if labels and not read.reflectors else []
-    named = " and ".join(f"{', '.join(columns)} as {what}" for what, columns in which)
-    *first, last = (what for what, _ in which)
+    columns_of_role += (
+        [("the reflector of each row", labels)] if labels and not read.reflectors else []
+    )
+    named = " and ".join(f"{', '.join(columns)} as {role}" for role, columns in columns_of_role)
+    *first, last = (role for role, _ in columns_of_role)
     missing = f"{', '.join(first)} or {last}" if first else last
     return (
         f"No header names {missing}. Of the columns with numbers only one set fits the "
@@ -149,7 +153,7 @@ def _as_reflectors(table: RawTable, best: _Found, found: Sequence[_Found]) -> _F
     Reflectors keep their distances from one another, and the vectors between them rotate with the tool.
     """
     ordered = _side_by_side(
-        table, [one for one in found if one.mapping.joints == best.mapping.joints]
+        table, [found_set for found_set in found if found_set.mapping.joints == best.mapping.joints]
     )
     if len(ordered) < 2 or best.mapping.columns != ordered[0].mapping.columns:
         return None
@@ -157,7 +161,9 @@ def _as_reflectors(table: RawTable, best: _Found, found: Sequence[_Found]) -> _F
     points = [candidate.mapping.point.columns for candidate in ordered]
     rows, _ = complete_rows(table, first)
     seen = [np.stack([rows.columns[name] for name in names], axis=1) for names in points]
-    if not all(keep_their_distance(one - other) for one, other in combinations(seen, 2)):
+    if not all(
+        keep_their_distance(found_set - other) for found_set, other in combinations(seen, 2)
+    ):
         return None
     names = {str(place): columns for place, columns in enumerate(points, 1)}
     columns = {**first.columns, REFLECTOR: REFLECTOR, POSE: POSE}
@@ -180,8 +186,8 @@ def _side_by_side(table: RawTable, found: Sequence[_Found]) -> list[_Found]:
         chain = [first]
         chain += [place for place in range(first + 3, len(places), 3) if place in starts]
         chains.append(chain)
-    most = max(map(len, chains), default=0)
-    longest = [chain for chain in chains if len(chain) == most]
+    largest = max(map(len, chains), default=0)
+    longest = [chain for chain in chains if len(chain) == largest]
     if len(longest) == 1:
         return [starts[place] for place in longest[0]]
     return []

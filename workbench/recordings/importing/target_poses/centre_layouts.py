@@ -42,7 +42,7 @@ def pose_and_centre(
     if any(table.n != tables[0].n or table.n < FEWEST for table in tables):
         return None
     best, least_share = None, _MOST_LEFT
-    for pose, centre in _sets(tables):
+    for pose, centre in _column_sets(tables):
         joined, (pose, centre) = join_sets([pose, centre])
         for place, rotation in pose_layouts(joined, pose.columns):
             share = share_left(joined, place, rotation, centre.columns)
@@ -61,13 +61,16 @@ def pose_and_centre(
     return replace(joined, warnings=(*joined.warnings, note)), mapping.merged(proposed)
 
 
-def _sets(tables: Sequence[RawTable]) -> Iterator[tuple[PoseSet, PoseSet]]:
+def _column_sets(tables: Sequence[RawTable]) -> Iterator[tuple[PoseSet, PoseSet]]:
     """Columns that may be the poses and the centres, in either order."""
     columns = [_columns(table) for table in tables]
     if len(tables) == 2:
-        for one, other in ((0, 1), (1, 0)):
-            if len(columns[one]) in _WIDTHS and len(columns[other]) == 3:
-                yield _set(tables[one], columns[one]), _set(tables[other], columns[other])
+        for pose_index, centre_index in ((0, 1), (1, 0)):
+            if len(columns[pose_index]) in _WIDTHS and len(columns[centre_index]) == 3:
+                yield (
+                    _set(tables[pose_index], columns[pose_index]),
+                    _set(tables[centre_index], columns[centre_index]),
+                )
     elif len(columns[0]) - 3 in _WIDTHS:
         table, names = tables[0], columns[0]
         yield _set(table, names[:-3]), _set(table, names[-3:])

@@ -72,7 +72,7 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
         return None
     if any(has_joints(table) for table in tables):
         return None
-    tables = [_with_whole_matrices(part) for table in _parts(tables) for part in table]
+    tables = [_with_whole_matrices(part) for table in _halves(tables) for part in table]
     pose_sets = [pose_set for table in tables for pose_set in _sets_of(table, len(tables))]
     if (
         len(pose_sets) != 2
@@ -108,21 +108,21 @@ def two_pose_sets(tables: Sequence[RawTable], mapping: Mapping) -> tuple[RawTabl
     return joined, mapping.merged(proposed)
 
 
-def _parts(tables: Sequence[RawTable]) -> list[tuple[RawTable, ...]]:
+def _halves(tables: Sequence[RawTable]) -> list[tuple[RawTable, ...]]:
     """The two halves of a single table without headers that other lines divide; other tables as they are."""
     table = tables[0]
-    half, rest = divmod(table.n, 2)
+    half, remainder = divmod(table.n, 2)
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
-    is_divided = not rest and half >= _FEWEST and half - 1 in gaps
+    is_divided = not remainder and half >= _FEWEST and half - 1 in gaps
     is_plain = all(_NUMBERED.fullmatch(name) for name in table.columns)
     if len(tables) > 1 or not is_divided or not is_plain:
-        return [(one,) for one in tables]
+        return [(table_of_half,) for table_of_half in tables]
     halves = (np.arange(half), np.arange(half, table.n))
     names = [f"{table.stem} ({place}){Path(table.file).suffix}" for place in (1, 2)]
-    parts = tuple(replace(table.take(rows), file=name) for rows, name in zip(halves, names))
-    whole = [_with_whole_matrices(part) for part in parts]
-    if all(_sets_of(one, 2) for one in whole):
-        return [parts]
+    half_tables = tuple(replace(table.take(rows), file=name) for rows, name in zip(halves, names))
+    complete_halves = [_with_whole_matrices(part) for part in half_tables]
+    if all(_sets_of(table_of_half, 2) for table_of_half in complete_halves):
+        return [half_tables]
     return [(table,)]
 
 
@@ -239,34 +239,36 @@ def _is_rotation(matrices: np.ndarray) -> bool:
     return bool(np.abs(product - np.eye(3)).max() < _ORTHOGONAL)
 
 
-def join_sets(sets: Sequence[PoseSet]) -> tuple[RawTable, list[PoseSet]]:
+def join_sets(pose_sets: Sequence[PoseSet]) -> tuple[RawTable, list[PoseSet]]:
     """Both sets in one table; columns whose names clash get the name of their file in front."""
-    first = sets[0].table
-    second = sets[1].table
+    first = pose_sets[0].table
+    second = pose_sets[1].table
     if first is second:
-        return first, list(sets)
+        return first, list(pose_sets)
     columns, units, conventions, renamed = {}, {}, {}, []
     clash = set(first.columns) & set(second.columns)
-    for one, other in ((sets[0], second), (sets[1], first)):
-        if one.table.stem != other.stem:
-            stem = one.table.stem
+    for pose_set, other in ((pose_sets[0], second), (pose_sets[1], first)):
+        if pose_set.table.stem != other.stem:
+            stem = pose_set.table.stem
         else:
-            stem = one.table.file
-        names = {name: f"{stem}: {name}" if name in clash else name for name in one.table.columns}
-        columns |= {names[name]: cells for name, cells in one.table.columns.items()}
-        units |= {names[name]: unit for name, unit in one.table.units.items()}
-        conventions |= {names[name]: word for name, word in one.table.conventions.items()}
+            stem = pose_set.table.file
+        names = {
+            name: f"{stem}: {name}" if name in clash else name for name in pose_set.table.columns
+        }
+        columns |= {names[name]: cells for name, cells in pose_set.table.columns.items()}
+        units |= {names[name]: unit for name, unit in pose_set.table.units.items()}
+        conventions |= {names[name]: word for name, word in pose_set.table.conventions.items()}
         stated = None
-        if one.stated is not None:
+        if pose_set.stated is not None:
             stated = tuple(
                 replace(group, columns=tuple(names[name] for name in group.columns))
-                for group in one.stated
+                for group in pose_set.stated
             )
-        taken = tuple(names[name] for name in one.columns)
-        renamed.append(replace(one, columns=taken, stated=stated))
+        taken = tuple(names[name] for name in pose_set.columns)
+        renamed.append(replace(pose_set, columns=taken, stated=stated))
     file = f"{first.file} and {second.file}"
     table = replace(first, file=file, columns=columns, units=units, conventions=conventions)
-    return table, [replace(one, table=table) for one in renamed]
+    return table, [replace(pose_set, table=table) for pose_set in renamed]
 
 
 def _best_layouts(table: RawTable, pose_sets: Sequence[PoseSet]):
