@@ -77,7 +77,7 @@ class Board:
     planned: Mapping[str, int] = field(default_factory=dict)
 
     @property
-    def held(self) -> dict[str, int]:
+    def case_counts(self) -> dict[str, int]:
         """Suite -> number of diagnosed cases, for every planned suite."""
         count = Counter(dict.fromkeys(self.planned, 0))
         count.update(row["suite"] for row in self.rows)
@@ -98,7 +98,7 @@ class Board:
             "made_by": self.command,
             "asked": len(asked),
             "reached": sum(figure.reached for figure in asked),
-            "suites": self.held,
+            "suites": self.case_counts,
             "planned": dict(self.planned),
             "programs": self.programs,
             "skipped": dict(self.skipped),

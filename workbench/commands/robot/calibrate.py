@@ -23,7 +23,7 @@ FromDiagnosis = Annotated[
         help="Use the corrected model of this run of `workbench diagnose` as the plan.",
     ),
 ]
-Without = Annotated[
+WithoutOption = Annotated[
     list[str] | None,
     typer.Option(
         "--without",
@@ -64,7 +64,7 @@ def command(
     recording: Annotated[str | None, answer.RECORDING] = None,
     plan: Plan = None,
     from_diagnosis: FromDiagnosis = None,
-    without: Without = None,
+    without: WithoutOption = None,
     fit_samples: FitSamples = None,
     test_samples: TestSamples = None,
     folds: Folds = 10,
@@ -112,7 +112,7 @@ def command(
     return deliver(result, run, json)
 
 
-def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
+def _plan(plan: Path | None, run: Path | None, excluded_terms: list[str] | None):
     """Stages of a plan file or of a diagnosis run, without the terms that are switched off; None: the default plan.
 
     Raises InputError.
@@ -127,7 +127,7 @@ def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
             "name the folder that the diagnosis printed."
         )
     named = run if run is not None else plan
-    if not without:
+    if not excluded_terms:
         return named
     if named is None:
         raise InputError(
@@ -136,4 +136,4 @@ def _plan(plan: Path | None, run: Path | None, without: list[str] | None):
     from workbench.fitting.calibration_plans.plan_file import without_terms
     from workbench.fitting.calibration_plans.plans import read_plan
 
-    return without_terms(read_plan(named), without, str(named))
+    return without_terms(read_plan(named), excluded_terms, str(named))

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot.calibrate import Without
+from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.shared import answer, tables
 from workbench.commands.shared.target_map import TargetMap
 from workbench.files import runs
@@ -80,7 +80,7 @@ def command(
         ),
     ],
     force: Force = False,
-    without: Without = None,
+    without: WithoutOption = None,
     max_correction_mm: MaxPosition = None,
     max_correction_deg: MaxRotation = None,
     max_sigma_mm: MaxSigma = None,

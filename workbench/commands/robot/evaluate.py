@@ -15,7 +15,7 @@ class Refit(StrEnum):
     NONE = "none"
     BASE = "base"
     TOOL = "tool"
-    BOTH = "base-and-tool"
+    BASE_AND_TOOL = "base-and-tool"
 
 
 Solution = Annotated[

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot.calibrate import Without
+from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.robot.compensate import Force, Start
 from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
 from workbench.commands.robot.export_arm import STEPS, ArmOptions, export_arm
@@ -89,7 +89,7 @@ def command(
     force: Force = False,
     parent_frame: ParentFrame = None,
     child_frame: ChildFrame = None,
-    without: Without = None,
+    without: WithoutOption = None,
     urdf: UrdfFile = None,
     tip: Tip = None,
     targets: Targets = None,
@@ -150,7 +150,7 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, s
 
     content: kind of what goes out and its file; output: format and file to write; step: called with every step.
     """
-    (kind, path), (to, file) = content, output
+    (kind, path), (format_name, file) = content, output
     if kind != HAND_EYE and (frames.parent or frames.child):
         raise InputError(
             f"--parent-frame, --child-frame: expected with a hand-eye transform only, found a {kind} in {source}; "
@@ -164,23 +164,23 @@ def _made(content, source: Path, output, frames: _Frames, options: ArmOptions, s
     if kind == HAND_EYE:
         return *_hand_eye(path, file, frames, options.force), ()
     if kind == CAMERA:
-        text, left_out = _camera(path, to)
+        text, left_out = _camera(path, format_name)
         return {file: text}, left_out, ()
-    exported = export_arm(path, to, file, options, step)
+    exported = export_arm(path, format_name, file, options, step)
     return exported.texts, exported.left_out, exported.notes
 
 
-def _choose(source: Path, to: str) -> tuple[str, Path]:
+def _choose(source: Path, format_name: str) -> tuple[str, Path]:
     """Part of the source that goes to the format, and its file. InputError names the formats of the source."""
     found = _contents(source)
     # `ros` of a folder that also holds a camera or a hand-eye transform means these
     for kind, path in sorted(found.items(), key=lambda item: item[0] == ARM):
-        if to in FORMATS[kind]:
+        if format_name in FORMATS[kind]:
             return kind, path
     if found:
         offered = "; ".join(f"of its {kind} {', '.join(FORMATS[kind])}" for kind in found)
         raise InputError(
-            f"{source}: expected something that can be written as {to}, found none; it gives {offered}"
+            f"{source}: expected something that can be written as {format_name}, found none; it gives {offered}"
         )
     raise InputError(
         f"{source}: expected a run folder of `workbench calibrate`, `camera`, `scanner` or `handeye`, or one of "
@@ -216,14 +216,14 @@ def _is_hand_eye(source: Path) -> bool:
         return False
 
 
-def _camera(path, to) -> tuple[str, list[str]]:
+def _camera(path, format_name) -> tuple[str, list[str]]:
     from workbench.files.exports import camera_text
     from workbench.files.exports.camera import with_supported_distortion
     from workbench.files.exports.check import check_camera, read_calibrated_camera
 
-    camera, deviation = with_supported_distortion(read_calibrated_camera(path), to)
-    text = camera_text(camera, to)
-    check_camera(camera, text, to)
+    camera, deviation = with_supported_distortion(read_calibrated_camera(path), format_name)
+    text = camera_text(camera, format_name)
+    check_camera(camera, text, format_name)
     left_out = (
         [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {deviation:.2g} px"]
         if deviation

@@ -18,13 +18,13 @@ FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 @dataclass(frozen=True)
 class ArmOptions:
     """Options of single formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
-    off by name (`without`), whether a doubtful calibration is used all the same (`force`), the mapping of the
+    off by name (`excluded_terms`), whether a doubtful calibration is used all the same (`force`), the mapping of the
     columns of the targets (`map`), and where the search for the readings of poses starts (`start`)."""
 
     urdf: Path | None = None
     tip: str | None = None
     targets: Path | None = None
-    without: Sequence[str] = ()
+    excluded_terms: Sequence[str] = ()
     force: bool = False
     map: Path | None = None
     start: str | None = None
@@ -39,20 +39,22 @@ class ArmExport:
     notes: tuple[str, ...] = ()
 
 
-def check_options(to: str, options: ArmOptions) -> None:
+def check_options(format_name: str, options: ArmOptions) -> None:
     """InputError for an option that the format does not take, or a program without targets."""
-    if (options.urdf or options.tip) and to != "urdf":
-        raise InputError(f"--urdf, --tip: expected with --to urdf, found --to {to}; leave them out")
-    if options.targets and to not in PROGRAMS:
+    if (options.urdf or options.tip) and format_name != "urdf":
         raise InputError(
-            f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {to}; leave it out"
+            f"--urdf, --tip: expected with --to urdf, found --to {format_name}; leave them out"
+        )
+    if options.targets and format_name not in PROGRAMS:
+        raise InputError(
+            f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {format_name}; leave it out"
         )
     for name, value in (("--map", options.map), ("--start", options.start)):
         if value and not options.targets:
             raise InputError(f"{name}: expected with --targets, found no targets; leave it out")
-    if to in PROGRAMS and options.targets is None:
+    if format_name in PROGRAMS and options.targets is None:
         raise InputError(
-            f"--to {to}: expected --targets FILE with joint readings or flange poses, found none; name a table"
+            f"--to {format_name}: expected --targets FILE with joint readings or flange poses, found none; name a table"
         )
 
 
@@ -62,7 +64,7 @@ STEPS = 3
 
 def export_arm(
     path: Path,
-    to: str,
+    format_name: str,
     file: Path,
     options: ArmOptions,
     step: Callable[[str], None] = lambda text: None,
@@ -74,50 +76,50 @@ def export_arm(
     from workbench.files.solution_file import read_solution, without_terms
     from workbench.jobs.robot.compensation.correction_limits import checked
 
-    check_options(to, options)
+    check_options(format_name, options)
     step("reading the calibration")
     arm = checked(read_solution(path), path, options.force)
-    arm = without_terms(arm, options.without, str(path))
+    arm = without_terms(arm, options.excluded_terms, str(path))
     step(f"computing {file.name}")
     read_back = partial(step, f"reading {file.name} back and comparing it with the model")
-    if to in PROGRAMS:
-        return _program(arm, to, file, options, read_back)
-    if to in GEOMETRY_ALONE:
-        return _geometry_alone(arm, to, file, options, read_back)
+    if format_name in PROGRAMS:
+        return _program(arm, format_name, file, options, read_back)
+    if format_name in GEOMETRY_ALONE:
+        return _geometry_alone(arm, format_name, file, options, read_back)
     makers: dict[str, Callable[..., ArmExport]] = {
         "mjcf": _mjcf,
         "python": _python,
     }
-    return makers[to](arm, file, options, to, read_back)
+    return makers[format_name](arm, file, options, format_name, read_back)
 
 
-def _geometry_alone(arm, to: str, file: Path, options: ArmOptions, read_back) -> ArmExport:
+def _geometry_alone(arm, format_name: str, file: Path, options: ArmOptions, read_back) -> ArmExport:
     """An export in a format without effects: its geometry is fitted to the complete model."""
     from workbench.files.exports.geometry_alone import fit_geometry, held_by_ur_kinematics
 
-    fit = fit_geometry(arm, held_by_ur_kinematics(arm) if to == "ros" else None)
+    fit = fit_geometry(arm, held_by_ur_kinematics(arm) if format_name == "ros" else None)
     makers: dict[str, Callable[..., ArmExport]] = {
         "urdf": _urdf,
         "ros": _ros,
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    exported = makers[to](fit.arm if fit else arm, file, options, to, read_back)
+    exported = makers[format_name](fit.arm if fit else arm, file, options, format_name, read_back)
     return replace(exported, notes=(*exported.notes, fit.sentence)) if fit else exported
 
 
-def _table(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
+def _table(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:
     from workbench.files.exports import mdh_csv, mdh_json
     from workbench.files.exports.check import check_mdh
     from workbench.files.exports.mdh import left_out
 
-    text = {"mdh-json": mdh_json, "mdh-csv": mdh_csv}[to](arm)
+    text = {"mdh-json": mdh_json, "mdh-csv": mdh_csv}[format_name](arm)
     read_back()
     check_mdh(arm, text)
     return ArmExport({file: text}, left_out(arm))
 
 
-def _urdf(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
+def _urdf(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:
     """The user's own URDF with corrected numbers, where there is one; else a bare one."""
     from workbench.files.exports import urdf
     from workbench.files.exports.check import check_patched_urdf, check_urdf
@@ -162,7 +164,7 @@ def _is_own(arm, spec: dict) -> bool:
     return filecmp.cmp(robot_keys["urdf"], spec["urdf"], shallow=False)
 
 
-def _mjcf(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
+def _mjcf(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:
     """The MJCF file and, where terms on joints are no springs, a module that computes the servo targets."""
     from workbench.files.exports.check import check_python
     from workbench.files.exports.mjcf import control_terms, left_out, mjcf
@@ -188,7 +190,7 @@ def _mjcf(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport
     return ArmExport(texts, missing, notes)
 
 
-def _python(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExport:
+def _python(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:
     from workbench.files.exports.check import check_python
     from workbench.files.exports.python import python_module
     from workbench.files.exports.python.module import observed_effects
@@ -201,19 +203,19 @@ def _python(arm, file: Path, options: ArmOptions, to: str, read_back) -> ArmExpo
     return ArmExport({file: text}, [e.title for e in arm.effects if id(e) not in observed])
 
 
-def _ros(arm, file: Path, options: ArmOptions, to: str, back) -> ArmExport:
+def _ros(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:
     from workbench.files.exports.check import check_ur_kinematics
     from workbench.files.exports.mdh import left_out
     from workbench.files.exports.ur_kinematics import ur_kinematics_yaml
 
     text = ur_kinematics_yaml(arm)
-    back()
+    read_back()
     check_ur_kinematics(arm, text)
     held_numbers = "length and twists between the last axis and the flange"
     return ArmExport({file: text}, [*left_out(arm), held_numbers])
 
 
-def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
+def _program(arm, format_name: str, file: Path, options: ArmOptions, read_back) -> ArmExport:
     """A program whose targets are corrected; refused where `workbench compensate` would refuse one of them."""
     from robot_model.state import sliding
     from workbench.files.exports.check import check_program
@@ -241,10 +243,10 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
         )
     largest = f"{len(found.readings)} targets, largest correction {found.position_mm.max():.3g} mm."
     notes = (largest, *sentences, *_configuration_notes(arm, programme, found))
-    own_target_program = _own_program(arm, to, options, found, back)
+    own_target_program = _own_program(arm, format_name, options, found, read_back)
     if own_target_program is not None:
         return ArmExport({file: own_target_program[0]}, [], (*notes, own_target_program[1]))
-    if to == "fanuc":
+    if format_name == "fanuc":
         raise InputError(
             f"--to fanuc: expected --targets with a FANUC program as text (.ls), found {options.targets}; name the "
             "program whose positions are to be corrected"
@@ -252,9 +254,9 @@ def _program(arm, to: str, file: Path, options: ArmOptions, back) -> ArmExport:
     name = file.stem.replace("-", "_")
     slides = tuple(sliding(arm.robot).tolist())
     program = Program(found.readings, name, arm.robot.name, arm.held_out_mm, slides)
-    text = program_text(program, to)
-    back()
-    check_program(program, text, to)
+    text = program_text(program, format_name)
+    read_back()
+    check_program(program, text, format_name)
     return ArmExport({file: text}, [], notes)
 
 
@@ -275,7 +277,9 @@ def _targets(arm, options: ArmOptions):
     return programme, (*stated, *late)
 
 
-def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes, str] | None:
+def _own_program(
+    arm, format_name: str, options: ArmOptions, found, read_back
+) -> tuple[bytes, str] | None:
     """The user's own program with corrected numbers, and a sentence; None where the targets are no such program."""
     import numpy as np
 
@@ -285,14 +289,14 @@ def _own_program(arm, to: str, options: ArmOptions, found, back) -> tuple[bytes,
     from workbench.files.exports.check import check_patched_program
     from workbench.jobs.robot.compensation.compensate import nominal_poses
 
-    maker = {"krl": "KUKA", "rapid": "ABB", "fanuc": "FANUC"}.get(to)
+    maker = {"krl": "KUKA", "rapid": "ABB", "fanuc": "FANUC"}.get(format_name)
     if maker is None or options.targets is None or not is_program_of(options.targets, maker):
         return None
     flange = nominal_poses(arm.robot, found.readings)
     stated = frames_of(None if options.map is None else read_mapping(options.map))
     readings = np.rad2deg(found.readings)
     programme = patched_program(options.targets, maker, readings, flange, stated)
-    back()
+    read_back()
     check_patched_program(arm, options.targets, programme.content, found.readings, options.map)
     note = (
         f"Only the numbers of {programme.count} positions were changed: moves, names, speeds, tools "

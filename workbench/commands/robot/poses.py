@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot.calibrate import Without
+from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.shared import answer, tables
 from workbench.commands.shared.model_run import SCENE, is_model_run
 from workbench.core.errors import InputError
@@ -46,7 +46,7 @@ def command(
     effects: Annotated[
         bool, typer.Option("--effects", help="Also estimate transmission errors and compliance.")
     ] = False,
-    without: Without = None,
+    without: WithoutOption = None,
     link_radius: Annotated[
         float,
         typer.Option(
@@ -142,10 +142,10 @@ def _verdict(design, tolerances) -> verdict.Verdict:
     return verdict.judge(error, None, tolerances)
 
 
-def _terms(name: str, without: list[str] | None):
+def _terms(name: str, excluded_terms: list[str] | None):
     """Effects of the plan of a diagnosis run, as (name, where, options) rows; () for everything else."""
     if not is_model_run(Path(name)):
-        if without:
+        if excluded_terms:
             raise InputError(
                 f"--without: expected a run of `workbench diagnose`, whose terms have names, found {name}; "
                 "leave --without out."
@@ -154,7 +154,7 @@ def _terms(name: str, without: list[str] | None):
     from workbench.fitting.calibration_plans.plan_file import without_terms
     from workbench.fitting.calibration_plans.plans import read_plan
 
-    stages = without_terms(read_plan(Path(name)), without or (), name)
+    stages = without_terms(read_plan(Path(name)), excluded_terms or (), name)
     return tuple(row for stage in stages for row in stage.effects)
 
 

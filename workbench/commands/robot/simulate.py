@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot.calibrate import Without
+from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.shared import answer
 from workbench.commands.shared.model_run import scene_of
 from workbench.files import runs
@@ -18,7 +18,7 @@ def command(
     scene: Annotated[
         Path, typer.Argument(help="Scene file (TOML), or run folder of `workbench diagnose`.")
     ],
-    without: Without = None,
+    without: WithoutOption = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
 ) -> None:

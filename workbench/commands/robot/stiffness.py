@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from workbench.commands.robot.calibrate import Without
+from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.robot.compensate import Force
 from workbench.commands.shared import answer, tables
 from workbench.commands.shared.target_map import TargetMap
@@ -50,7 +50,7 @@ def command(
     ],
     wrench: Wrench = None,
     tool_point: ToolPoint = (0.0, 0.0, 0.0),
-    without: Without = None,
+    without: WithoutOption = None,
     force: Force = False,
     map: TargetMap = None,
     out: answer.OutFolder = None,
@@ -89,15 +89,15 @@ def command(
     _show(answer.console(json), result)
 
 
-def _arm(source: Path, without: list[str], force: bool):
+def _arm(source: Path, excluded_terms: list[str], force: bool):
     """The arm of a calibration, or of a file that states its stiffness, without the terms that are switched off."""
     from workbench.files.solution_file import read_solution, without_terms
     from workbench.files.stiffness_file import read_stiffness
     from workbench.jobs.robot.compensation.correction_limits import checked
 
     if source.suffix.lower() == ".toml":
-        return without_terms(read_stiffness(source), without, str(source))
-    return without_terms(checked(read_solution(source), source, force), without, str(source))
+        return without_terms(read_stiffness(source), excluded_terms, str(source))
+    return without_terms(checked(read_solution(source), source, force), excluded_terms, str(source))
 
 
 def _summary(found, wrench) -> dict:
@@ -123,9 +123,9 @@ def _summary(found, wrench) -> dict:
     if wrench is None:
         return summary
     moved = found.deflection(np.array(wrench))
-    parts = {part: np.linalg.norm(value[:, :3], axis=1) for part, value in moved.items()}
+    norms = {part: np.linalg.norm(value[:, :3], axis=1) for part, value in moved.items()}
     total = np.linalg.norm(sum(moved.values())[:, :3], axis=1)
-    summary["deflection_rms_mm"] = {part: _rms(value) for part, value in parts.items()}
+    summary["deflection_rms_mm"] = {part: _rms(value) for part, value in norms.items()}
     summary["deflection_rms_mm"]["total"] = _rms(total)
     summary["deflection_max_mm"] = float(total.max())
     return summary

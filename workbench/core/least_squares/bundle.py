@@ -211,7 +211,7 @@ class _Problem:
         ]
         return np.concatenate([point.parameters.pack(), *dense_values])
 
-    def own(self, point):
+    def eliminated(self, point):
         """(G, L) eliminated unknowns of a point."""
         return point.values.get(self.layout.eliminate, self.own_centre)
 
@@ -224,7 +224,7 @@ class _Problem:
                 values[name].shape
             )
         if self.layout.eliminate in values:
-            values[self.layout.eliminate] = self.own(self.point) + own_move * self.own_scale
+            values[self.layout.eliminate] = self.eliminated(self.point) + own_move * self.own_scale
         return _Point(self.point.parameters.unpack(moved_dense[: self.layout.shared]), values)
 
     def linearise(self, point):
@@ -267,14 +267,16 @@ class _Problem:
         self.gradient = self.data.gradient + self.trust * self.scale * (
             self.dense(point) - self.centre
         )
-        pull = self.own_trust * self.own_scale * (self.own(point) - self.own_centre)
+        pull = self.own_trust * self.own_scale * (self.eliminated(point) - self.own_centre)
         self.own_gradient = self.data.own_gradient + pull
         self.cost = self.cost_of(point)
         self.history = [*self.history, self.cost]
 
     def check(self) -> bool:
         """True if cost and equations are finite; otherwise the solver stops without a result."""
-        if all_finite(self.cost, self.data.dense, self.data.cross, self.data.own, self.gradient):
+        if all_finite(
+            self.cost, self.data.dense, self.data.cross, self.data.eliminated, self.gradient
+        ):
             return True
         self.outcome = NOT_FINITE
         self.data = Blocks.empty(len(self.scale), len(self.own_centre), len(self.own_scale))
@@ -288,13 +290,13 @@ class _Problem:
         squares = sum(float(w @ z) for w, z in zip(weights, point.squares))
         prior = self.trust @ (self.dense(point) - self.centre) ** 2
         return squares + float(
-            prior + ((self.own(point) - self.own_centre) ** 2 @ self.own_trust).sum()
+            prior + ((self.eliminated(point) - self.own_centre) ** 2 @ self.own_trust).sum()
         )
 
     def reduced(self, damping):
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
         cross = self.data.cross
-        damped = self.data.own + np.diag(self.own_trust * self.own_scale**2 + damping)
+        damped = self.data.eliminated + np.diag(self.own_trust * self.own_scale**2 + damping)
         shared = self.data.dense + np.diag(self.trust * self.scale**2 + damping)
         right = np.concatenate([cross, self.own_gradient[..., None]], -1)
         solved = solve_positive(damped, right)
@@ -327,7 +329,9 @@ class _Problem:
             ):
                 return
             if self.accept(move) or self.leap(move):
-                if abs(before - self.cost) < max(1e-5 * before, 0.02 * unit) and self.still(unit):
+                if abs(before - self.cost) < max(
+                    1e-5 * before, 0.02 * unit
+                ) and self.is_nearly_stationary(unit):
                     self.outcome = SETTLED
                 return
             self.damping = max(4 * self.damping, 1e-9 * self.largest)
@@ -336,7 +340,7 @@ class _Problem:
         else:
             self.outcome = OUT_OF_STEPS
 
-    def still(self, unit):
+    def is_nearly_stationary(self, unit):
         """Whether it is not damping that makes a step small in a long valley: the last ones together were small too."""
         return self.damping == 0 or (
             len(self.history) > _LAST and self.history[-_LAST] - self.cost < unit
@@ -345,7 +349,7 @@ class _Problem:
     @property
     def largest(self):
         """The largest entry of the normal matrix."""
-        return max(self.data.dense.max(initial=0), self.data.own.max(initial=0))
+        return max(self.data.dense.max(initial=0), self.data.eliminated.max(initial=0))
 
     def finished(self, move, decrement, unit):
         """True if converged; a negligible last step needs no new derivative."""
@@ -414,7 +418,7 @@ class _Problem:
 
     def inverse_own(self):
         return inverse_positive(
-            self.data.own + np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
+            self.data.eliminated + np.diag(self.own_trust * self.own_scale**2 + _FLOOR)
         )
 
     def finish(self):
@@ -426,7 +430,7 @@ class _Problem:
         if len(scale):
             inverse = self.inverse_own() * scale * scale.T
         else:
-            inverse = self.data.own
+            inverse = self.data.eliminated
         variance_left = [1.0 if self.weigh is None else _LEFT[len(r)] for r in self.point.residuals]
         squares = [
             float(w @ z) / share

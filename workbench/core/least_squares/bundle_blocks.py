@@ -121,12 +121,12 @@ def _tile_length(counts):
 class Blocks:
     """Normal matrix of a bundle with D dense unknowns and G groups of L that are eliminated.
 
-    `dense` (D, D), `cross` (G, L, D), `own` (G, L, L) and the gradients (D,) and (G, L).
+    `dense` (D, D), `cross` (G, L, D), `eliminated` (G, L, L) and the gradients (D,) and (G, L).
     """
 
     dense: np.ndarray
     cross: np.ndarray
-    own: np.ndarray
+    eliminated: np.ndarray
     gradient: np.ndarray
     own_gradient: np.ndarray
 
@@ -150,15 +150,15 @@ class Blocks:
         self.dense -= dense.T @ weighted_dense
         self.gradient -= pull @ weighted_dense
         self.cross -= block[:, :, None] * weighted_dense[:, None]
-        self.own -= block[:, :, None] * weighted_block[:, None]
+        self.eliminated -= block[:, :, None] * weighted_block[:, None]
         self.own_gradient -= pull[:, None] * weighted_block
 
     def scaled(self, dense: np.ndarray, block: np.ndarray) -> "Blocks":
-        """The same for unknowns in units of `dense` (D,) and `own` (L,)."""
+        """The same for unknowns in units of `dense` (D,) and `eliminated` (L,)."""
         return Blocks(
             self.dense * np.outer(dense, dense),
             self.cross * np.outer(block, dense),
-            self.own * np.outer(block, block),
+            self.eliminated * np.outer(block, block),
             self.gradient * dense,
             self.own_gradient * block,
         )
@@ -272,8 +272,8 @@ class Part:
             axis=1,
         )
         known = np.add.reduceat((shape**2).reshape(-1, self.tiles.length).sum(-1), self.tiles.start)
-        factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.own)))
-        dense = np.zeros((len(blocks.own), len(blocks.dense)))
+        factor = variance / (1 + variance * np.bincount(groups, known, len(blocks.eliminated)))
+        dense = np.zeros((len(blocks.eliminated), len(blocks.dense)))
         x = np.zeros(blocks.own_gradient.shape)
         np.add.at(dense, (groups[:, None], self.columns), sums[: len(self.columns)].T)
         first = len(self.columns)
@@ -345,7 +345,7 @@ class _Place:
 
     def add_family(self, other, groups, gram):
         if self.gone and other == self.name:
-            _add_groups(self.blocks.own, self.groups, gram)
+            _add_groups(self.blocks.eliminated, self.groups, gram)
         elif self.gone:
             rows = np.arange(gram.shape[1])[:, None]
             np.add.at(

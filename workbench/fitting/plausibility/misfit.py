@@ -93,7 +93,7 @@ def _plainest(explanations) -> list[Explanation]:
     """Those that fit about as well as the best one, the plainest first."""
     best = min(e.fit.scale for e in explanations)
     close = [e for e in explanations if e.fit.scale <= max(CLOSE * best, best + 0.05)]
-    return sorted(close, key=lambda e: (e.correction.parts, rank(e), e.fit.scale))
+    return sorted(close, key=lambda e: (e.correction.mistake_count, rank(e), e.fit.scale))
 
 
 def _is_far_better(explanation, recording, recorded: Fit) -> bool:
@@ -171,7 +171,11 @@ def _scaled(robot, recording) -> list[Explanation]:
 
 def _explained(robot, recording, recorded, found, scale_of_good_fit) -> Suspicion:
     best = found[0]
-    others = [e.correction for e in found[1:] if e.correction.parts == best.correction.parts]
+    others = [
+        e.correction
+        for e in found[1:]
+        if e.correction.mistake_count == best.correction.mistake_count
+    ]
     recorded = _best_recorded(robot, recording, recorded, best)
     degrees = min(recorded.degrees, best.fit.degrees)
     gain = recorded.improbability - best.fit.improbability

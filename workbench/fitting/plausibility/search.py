@@ -148,7 +148,7 @@ def screen(robot, recording, corrections: Iterable[Correction]) -> list[Candidat
     scales = _screened_scales(robot, recording, corrections, rows)
     candidates = [Candidate(*pair) for pair in zip(corrections, scales)]
     finite = [candidate for candidate in candidates if np.isfinite(candidate.scale)]
-    return sorted(finite, key=lambda c: (c.scale, c.correction.parts))
+    return sorted(finite, key=lambda c: (c.scale, c.correction.mistake_count))
 
 
 def _screened_scales(robot, recording, corrections: list[Correction], rows) -> list[float]:
@@ -196,7 +196,9 @@ def _best(found):
 
 def _seeds(beam) -> list[Candidate]:
     """The best candidates, and every single sign: a wrong sign is common, and hides behind a second mistake."""
-    signs = [c for c in beam[_BEAM:] if c.correction.cause == SIGN and c.correction.parts == 1]
+    signs = [
+        c for c in beam[_BEAM:] if c.correction.cause == SIGN and c.correction.mistake_count == 1
+    ]
     return [*beam[:_BEAM], *signs]
 
 

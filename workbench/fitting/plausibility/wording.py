@@ -27,9 +27,9 @@ def fit_words(fit) -> str:
 def change_point_sentence(named, change) -> str:
     """Sentence on a change point: moved object, instant, distance, and what to do."""
     return (
-        f"{named}, samples {change.before} and {change.after}: between them {change.what} has moved (the measured "
-        f"points by about {change.shift_mm:.3g} mm); no single model fits both parts; find the jump with `workbench "
-        "diagnose`, calibrate the parts separately, or measure again."
+        f"{named}, samples {change.before} and {change.after}: between them {change.moved_object} has moved (the "
+        f"measured points by about {change.shift_mm:.3g} mm); no single model fits both parts; find the jump with "
+        "`workbench diagnose`, calibrate the parts separately, or measure again."
     )
 
 

@@ -240,12 +240,14 @@ def flange_errors(robot_sigma) -> tuple[float, float | None]:
     return math.sqrt(3) * place, None if rotation is None else math.sqrt(3) * rotation
 
 
-def _profiles(hand_eye: HandEye, tolerances, what: str = "the points from the ball") -> Verdict:
-    """Verdict on distances in mm; what: the points whose distances they are."""
+def _profiles(
+    hand_eye: HandEye, tolerances, measured_points: str = "the points from the ball"
+) -> Verdict:
+    """Verdict on distances in mm; measured_points: the points whose distances they are."""
     value = hand_eye.held_out["rms_mm"]
     label = "held-out" if math.isfinite(value) else "fitted"
     value = value if math.isfinite(value) else hand_eye.fit["rms_mm"]
-    residual = Residual(value, "mm", f"{label} RMS distance of {what}")
+    residual = Residual(value, "mm", f"{label} RMS distance of {measured_points}")
     verdict = judge(residual, Noise(hand_eye.noise, FROM_PROFILES), tolerances)
     if not _is_above(verdict, len(hand_eye.poses)):
         return verdict

@@ -50,10 +50,10 @@ class Evaluated:
 
     `residual` (m, n) of the calibrated arm, mm and then rad, with the parameters of `refit` estimated on the
     recording. `nominal` (m, n): of the nominal arm, whose base and tool are always estimated on it. `refitted`
-    (m, n): of the calibrated arm with base and tool estimated on it. `outside`: covariates and joint readings beyond
-    the range of the calibration. `parameter_spread`: C J' J (F, F), mm^2, with the covariance C of the F parameters
-    of the calibration and the derivative J of the lengths with respect to them. `estimated`, `most_estimated`:
-    numbers of parameters of `refit`, and of base and tool.
+    (m, n): of the calibrated arm with base and tool estimated on it. `out_of_range`: covariates and joint readings
+    beyond the range of the calibration. `parameter_spread`: C J' J (F, F), mm^2, with the covariance C of the F
+    parameters of the calibration and the derivative J of the lengths with respect to them. `estimated`,
+    `most_estimated`: numbers of parameters of `refit`, and of base and tool.
     """
 
     recording: Recording
@@ -62,7 +62,7 @@ class Evaluated:
     residual: np.ndarray
     nominal: np.ndarray
     refitted: np.ndarray
-    outside: tuple[str, ...]
+    out_of_range: tuple[str, ...]
     parameter_spread: np.ndarray
     estimated: int
     most_estimated: int
@@ -87,9 +87,9 @@ class Evaluated:
             sentences.append(texts.FITTED.format(share=share))
         if self._fits_better_elsewhere():
             sentences.append(self._better_elsewhere())
-        if self.outside:
+        if self.out_of_range:
             sentences.append(
-                f"Beyond the range of the calibration: {', '.join(self.outside)}. The model is extrapolated there."
+                f"Beyond the range of the calibration: {', '.join(self.out_of_range)}. The model is extrapolated there."
             )
         return tuple(sentences)
 

@@ -100,14 +100,16 @@ def from_external_points(
 
 def _check_unit_of_centres(recording: Recording, data: Centres, hand_eye: HandEye) -> None:
     """InputError where the centres fit the flange poses far better in another unit of length."""
-    what, keep = ("points", "points keep") if data.is_stationary else ("ball centres", "balls keep")
+    subject, keep = (
+        ("points", "points keep") if data.is_stationary else ("ball centres", "balls keep")
+    )
     rms = hand_eye.fit["rms_mm"]
     for name, factor in _UNITS.items():
         centres = replace(data, points=factor * data.points)
         other = hand_eye_from_centres(centres, hand_eye.radius)
         if other.fit["rms_mm"] < _BETTER * rms:
             raise InputError(
-                f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected {what} in mm, found that the "
+                f"{recording.name}, samples.csv, columns x_mm, y_mm, z_mm: expected {subject} in mm, found that the "
                 f"{keep} their places to {rms:.3g} mm as recorded and to {other.fit['rms_mm']:.3g} mm if the "
                 f"numbers are {name}; multiply them by {factor:g}"
             )

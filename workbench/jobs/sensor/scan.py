@@ -75,7 +75,7 @@ class Ball:
     common: np.ndarray | None = None
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether it is seen well enough to be a measurement of the ball's form and size."""
         return (
             bool(self.fit)
@@ -435,7 +435,7 @@ def figures(
     known = recording.balls
     numbers = {number: k + 1 for k, number in enumerate(known)}
     table = np.array([ball[:3] for ball in known.values()]).T if known else None
-    full_balls = [ball for ball in balls if ball.whole]
+    full_balls = [ball for ball in balls if ball.is_complete]
     certified = table if all(ball.number is not None for ball in full_balls) else None
     probed = [
         Probed(numbers.get(ball.number, k + 1), ball.points, ball.fit, ball.radius)

@@ -18,7 +18,7 @@ class Scene:
     """Scene in the robot's root frame, mm.
 
     `feet` and `tips` (3, n): start and end of the arrows; `links` (3, J+2): joint origins and flange of the
-    nominal arm at the pose of sample `at`; `held_points` (3, k): points measured in that pose;
+    nominal arm at the pose of sample `row`; `held_points` (3, k): points measured in that pose;
     `scale`: drawn length over true length; `anchor`: description of the feet.
     """
 
@@ -26,7 +26,7 @@ class Scene:
     tips: np.ndarray
     links: np.ndarray
     held_points: np.ndarray
-    at: int
+    row: int
     scale: float
     anchor: str
 
@@ -34,7 +34,7 @@ class Scene:
 def section(calibration, errors: Errors) -> dict:
     """The 3-D figure, and the sentences on its content and scale."""
     scene = scene_of(calibration)
-    sample = int(calibration.recording.sample_ids[scene.at])
+    sample = int(calibration.recording.sample_ids[scene.row])
     return {
         "figure": style.packed(figure(scene, errors)),
         "scale": f"{scene.scale:,.0f}",

@@ -103,7 +103,7 @@ def _head(board: Board) -> Iterator[str]:
 def _run(board: Board) -> Iterator[str]:
     yield "| suite | cases diagnosed | cases committed |"
     yield "|---|---|---|"
-    for suite, count in board.held.items():
+    for suite, count in board.case_counts.items():
         yield f"| {suite} | {count} | {board.planned.get(suite, count)} |"
     for suite, why in board.skipped.items():
         yield f"| {suite} | 0 | skipped: {why} |"

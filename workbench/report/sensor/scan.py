@@ -62,7 +62,7 @@ def _largest_errors(scans: Scans) -> tuple[float | None, float | None, int]:
     count = 0
     for _, ball in _found(scans):
         count += 1
-        if ball.whole:
+        if ball.is_complete:
             form = max(form or 0.0, ball.fit.rms)
             spread = max(spread or 0.0, float(ball.fit.std[:3].max()))
     return form, spread, count
@@ -263,9 +263,9 @@ def _scan_remarks(scan_run: Scans) -> tuple[list[str], int]:
             else:
                 unlisted += 1
         for ball in filter(lambda ball: ball.fit, scan.balls):
-            if not ball.whole and ";" in ball.fit.outcome:
+            if not ball.is_complete and ";" in ball.fit.outcome:
                 odd.append(f"{_called(scan, ball)}: {sentence(ball.fit.outcome)}")
-            elif ball.whole and ball.fit.warnings:
+            elif ball.is_complete and ball.fit.warnings:
                 known.append(f"{_called(scan, ball)}: {sentence('; '.join(ball.fit.warnings))}")
         unlisted += len(odd[_MAX_REMARKS:]) + len(known[_MAX_REMARKS:])
         del odd[_MAX_REMARKS:], known[_MAX_REMARKS:]

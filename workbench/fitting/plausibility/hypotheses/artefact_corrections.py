@@ -69,7 +69,7 @@ def _relabelled(subject, statement, remedy, moved, mistake_count=1) -> Correctio
         remedy,
         frozenset({LABELS}),
         apply,
-        parts=mistake_count,
+        mistake_count=mistake_count,
     )
 
 

@@ -23,7 +23,7 @@ class Correction:
     `cause`: the kind of mistake. `subject` and `statement` are parts of a sentence ("column q3_deg",
     "has the opposite sign"), `remedy` says what to do. `touches`: what it changes; corrections of
     disjoint sets can be joined. `apply(robot, recording)` returns both as they would be without the
-    mistake. `parts`: number of elementary mistakes; fewer are preferred. `magnification`: factor by
+    mistake. `mistake_count`: number of elementary mistakes; fewer are preferred. `magnification`: factor by
     which measured lengths grow. `pieces`: the single corrections that were joined, () for a single one.
     """
 
@@ -33,7 +33,7 @@ class Correction:
     remedy: str
     touches: frozenset[str]
     apply: Callable
-    parts: int = 1
+    mistake_count: int = 1
     magnification: float = 1.0
     pieces: tuple["Correction", ...] = ()
 
@@ -78,7 +78,7 @@ def join(corrections: Iterable[Correction]) -> Correction:
         "; ".join(f"{c.subject}: {c.remedy}" for c in corrections),
         frozenset().union(*(c.touches for c in corrections)),
         apply,
-        sum(c.parts for c in corrections),
+        sum(c.mistake_count for c in corrections),
         math.prod(c.magnification for c in corrections),
         corrections,
     )
