@@ -97,7 +97,7 @@ def sign_correction(names, mistake_count: int | None = None) -> Correction:
         f"negate {pronoun}, or write sign = -1 for joint {numbers} of the robot file",
         lambda columns: {name: -columns[name] for name in names},
         names,
-        parts=mistake_count or len(names),
+        mistake_count=mistake_count or len(names),
     )
 
 
@@ -178,7 +178,7 @@ def _unit(names, unit, factor, mistake_count=None) -> Correction:
         f"convert to {'mm' if names[0].endswith('_mm') else 'degrees'}: multiply by {factor:.7g}",
         lambda columns: {name: factor * columns[name] for name in names},
         names,
-        parts=mistake_count or len(names),
+        mistake_count=mistake_count or len(names),
     )
 
 
