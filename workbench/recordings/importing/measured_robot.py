@@ -440,7 +440,8 @@ def _without_joints(table: RawTable, mapping: Mapping) -> str:
     if mapping.flange_point is not None and mapping.point is not None:
         return (
             f"{table.file}: expected joint readings, which a calibration of the robot needs, found poses of the flange "
-            f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too."
+            f"({', '.join(mapping.flange_point.columns)}) only; export the joint angles of the same rows too. "
+            "`workbench handeye` needs none, but one transform that connects flange poses and measurements."
         )
     return (
         f"{table.file}: expected columns with joint readings such as J1 ... J6, found {shown}; add [joints] columns = "
