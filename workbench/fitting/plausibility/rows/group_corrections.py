@@ -47,7 +47,8 @@ def corrected_columns(robot, recording, fit: Fit, rows, limit: float) -> Reason 
         return None
     largest_size = max(_CLOSE * min(size for _, size in fitting), limit / 2)
     best = min(
-        (pair for pair in fitting if pair[1] <= largest_size), key=lambda pair: pair[0].parts
+        (pair for pair in fitting if pair[1] <= largest_size),
+        key=lambda pair: pair[0].mistake_count,
     )[0]
     return Reason(
         f"they fit if in them {best.claim}: files with different conventions were joined",
