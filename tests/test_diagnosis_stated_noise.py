@@ -124,7 +124,12 @@ def test_findings_on_the_noise_alone_are_no_unmodelled_effects():
     assert verdict_of((noise,), 0.5) == CONSISTENT
     assert verdict_of((noise, gear), 1e-6) == EXPLAINED
     bench = SimpleNamespace(pose=np.arange(3), chain=None)
-    assert next_experiment(bench, (noise,), None, 0.5).sentence == CLEAN
+    determined, nearly_interpolated = (
+        SimpleNamespace(degrees=degrees, rank=20) for degrees in (60.0, 10.0)
+    )
+    assert next_experiment(bench, (noise,), determined, 0.5).sentence == CLEAN
+    sentence = next_experiment(bench, (noise,), nearly_interpolated, 0.5).sentence
+    assert "3 poses leave 10 degrees of freedom next to 20 combinations" in sentence
 
 
 def test_heavy_tails_are_no_noise_stated_too_small(tmp_path):

@@ -55,6 +55,7 @@ SWITCHED = (
     ("mirror-hysteresis", "mirror", {}, {"half_gap": 4e-4}),
     ("frame-sync", "time", {}, {"delay": 1e-3}),
     ("range-scale", "sensor", {"z0": 100.0}, {"scale": 4e-3}),
+    ("lateral-scale", "sensor", {"axis": "x"}, {"scale_x": 4e-3}),
     ("field-bias", "sensor", {}, {"x": 0.1, "yy": 0.1}),
     ("incidence-bias", "sensor", {}, {"shift": 0.3}),
     ("subsurface-scatter", "sensor", {"everywhere": True}, {"depth": 0.06, "shrink": 0.03}),
