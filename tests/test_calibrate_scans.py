@@ -21,6 +21,7 @@ from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.fitting.verdicts.noise_report import Findings, report
 from workbench.jobs.robot.calibrate import calibrate, save
 from workbench.jobs.robot.evaluate import evaluate
+from workbench.report.calibration.errors import POSITION, position_kind
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +138,9 @@ def test_the_weights_of_a_given_plan_are_next_to_its_effects():
     stages = (_geometry_stage(), Stage("shift", "it moved", effects=(shift,), free=("*",)))
     found = calibrate(profile_recording(40, 60, 39, moved=moved), plan=stages)
     assert found.fit["rms_mm"] < 0.006
+
+
+def test_the_error_of_a_scan_is_no_3d_distance():
+    assert position_kind("ball-surface").quantity == position_kind("ball-scan").quantity
+    assert "3-D" not in position_kind("ball-surface").quantity
+    assert position_kind("external-point") == POSITION

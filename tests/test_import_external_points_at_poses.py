@@ -121,3 +121,13 @@ def test_without_flange_poses_handeye_names_calibrate(tmp_path, capsys):
     assert cli.run(["new", "external-point", str(tmp_path / "arm"), "--robot", "ur10"]) == 0
     assert cli.run(["handeye", str(tmp_path / "arm"), "--no-report"]) == 2
     assert "workbench calibrate" in capsys.readouterr().err
+
+
+def test_the_page_states_the_tool_point_and_no_sphere(tmp_path, capsys):
+    flange, seen = made()
+    import_recording(two_lists(tmp_path, flange, seen), tmp_path / "out", ImportOptions())
+    assert cli.run(["handeye", str(tmp_path / "out"), "--out", str(tmp_path / "run")]) == 0
+    assert "equal weight per pose" not in capsys.readouterr().out
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "Measured point in the frame of the flange" in page
+    assert "from the sphere" not in page and "flange error" not in page

@@ -178,8 +178,6 @@ def _unit_moment(robot: Robot, frames, gravity, first: int, body: int, axis: int
     if axis < 3:
         direction = frames.link[body + 1][axis]
     else:
-        direction = None
-    if direction is None:
         direction = (frames.origin[body] - frames.z_origin[first]) / _reach(robot)
     return cross(direction, np.broadcast_to(gravity[:, None], direction.shape))
 

@@ -52,8 +52,5 @@ MAX_ROUNDS = 20
 """Rounds of an iteration that ends where nothing changes any more; few take as many."""
 ROUNDING = 1e-9
 """Share of a column below which what is left of it after a projection is only rounding: 1e-16 times a condition."""
-OBSERVABLE_SIGMAS = 1e-2
-"""Sigmas by which a direction of the baseline moves all measurements for one typical size: one that moves them by
-less can neither hide nor imitate anything."""
 CHUNK_SIZE = 1_000_000
 """Numbers of an array that is made at once, eight megabytes: more are made in parts."""

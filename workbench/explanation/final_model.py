@@ -24,13 +24,10 @@ class FinalModel:
     def __init__(self, bench, found: Found, unit: str, terms=None):
         self.bench, self.unit, self.found, self.terms = bench, unit, found, terms
         self.before = found.before
-        if terms is not None:
-            effects = [e for term in terms for e in term.finding.effects]
-        else:
-            effects = None
-        if effects is None:
+        if terms is None:
             self.after = found.after
         else:
+            effects = [e for term in terms for e in term.finding.effects]
             self.after = bench.problem(effects, hypotheses=False).conditional_on()
 
     @property

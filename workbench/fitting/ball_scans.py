@@ -197,7 +197,7 @@ def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, 
     if far.any():
         warnings.append(
             f"{int(far.sum())} of {len(scan)} points are more than {_FAR:g} standard deviations off the ball in their "
-            "scan and are left out of the diagnosis."
+            "scan and are left out."
         )
     return tuple(warnings)
 

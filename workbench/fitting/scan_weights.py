@@ -16,6 +16,7 @@ from datasets.recording import ROOT, Recording
 from robot_model.robot import Robot
 from robot_model.system import bind
 from workbench.core.effect import Effect
+from workbench.core.least_squares.identifiability import OBSERVABLE_SIGMAS
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, thin_svd
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
@@ -27,8 +28,6 @@ _RATIOS = np.append(0.0, np.geomspace(1e-2, 1e6, 60))
 """Variances of the arm's poses over that of points that are tried: none, and steps of a third over all magnitudes."""
 _FITS, _STEPS = 3, 6
 """Fits by which the noise of the geometry's residual settles, and steps of each of them."""
-_OBSERVABLE_SIGMAS = 1e-2
-"""Sigmas by which a typical step along a direction moves all scans: one that moves them by less takes no degree."""
 
 
 def with_roots(scans: Recording, roots: np.ndarray) -> Recording:
@@ -77,7 +76,7 @@ def _likeliest_ratio(residual: _Residual) -> float:
     """Ratio t of the variances with the largest restricted likelihood; 0 where t is not worth a parameter."""
     flat = residual.columns.reshape(-1, residual.columns.shape[-1])
     left, singular, _ = thin_svd(flat)
-    basis = left[:, singular > _OBSERVABLE_SIGMAS]
+    basis = left[:, singular > OBSERVABLE_SIGMAS]
     y = residual.along.ravel()
     weights = np.repeat(residual.weights, residual.values.shape[1])
     degrees = max(weights.sum() - basis.shape[1], 1.0)

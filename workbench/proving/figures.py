@@ -75,9 +75,8 @@ def rate(
     hits = sum(bool(hit(row)) for row in rows)
     cases = len(rows)
     value = hits / cases if cases else None
-    if limit is None or value is None:
-        is_within = None
-    else:
+    is_within = None
+    if limit is not None and value is not None:
         is_within = value <= limit if at_most else value >= limit
     return Figure(
         suite, name, hits, cases, value, *wilson(hits, cases), asked, is_within, min_cases

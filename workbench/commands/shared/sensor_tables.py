@@ -271,6 +271,7 @@ def handeye(console, answer: Mapping) -> None:
     measures = answer.get("measures")
     if measures == "external-point":
         _measured_point(console, answer["target"])
+        keys.remove("pose_rms_mm")  # each pose has one point
     words = _ERRORS | _ERRORS_OF_KIND.get(measures, {})
     rows = [
         [words.get(key, key.replace("_", " ")), answer["fit"][key], answer["held_out"][key]]

@@ -110,9 +110,7 @@ def fit_tail(squares: np.ndarray, components: int, least_scale: float = 0.0) -> 
         ratio = fisher.ppf(0.9, components, degrees) / fisher.ppf(0.5, components, degrees)
         if ratio > wanted:
             low = np.log(degrees)
-            top = top
         else:
-            low = low
             top = np.log(degrees)
     degrees = float(np.exp((low + top) / 2))
     scale = np.sqrt(middle / components / fisher.ppf(0.5, components, degrees))

@@ -19,6 +19,9 @@ from workbench.core.least_squares.linear_algebra import (
 )
 from workbench.core.parameters import Parameters
 
+OBSERVABLE_SIGMAS = 1e-2
+"""Sigmas by which a direction of the parameters moves all measurements for one typical size: one that moves them by
+less can neither hide nor imitate anything."""
 _PART = 0.05
 _NAMED = 6
 _SAME = (

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from workbench.diagnosis.levels import LEAST_NUMBER
-from workbench.diagnosis.linear.problem import POSE_MEANS, Problem
+from workbench.diagnosis.linear.problem import POSE_MEANS, Problem, cached
 
 
 def design_effect(problem: Problem) -> float:
@@ -60,10 +60,3 @@ def remaining_residual(problem: Problem) -> np.ndarray:
     if retained is None:
         return problem.orthogonalise(problem.residual)
     return retained.y
-
-
-def cached(cache: dict, key, make):
-    """Result of `make()`, computed once."""
-    if key not in cache:
-        cache[key] = make()
-    return cache[key]

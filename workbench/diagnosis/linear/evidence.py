@@ -23,8 +23,8 @@ from scipy.special import betainc, logsumexp
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import CHUNK_SIZE, ROUNDING
 from workbench.diagnosis.linear.candidates import Scan, step_function
-from workbench.diagnosis.linear.design_effect import cached, design_effect, remaining_residual
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.design_effect import design_effect, remaining_residual
+from workbench.diagnosis.linear.problem import Problem, cached
 
 Linear = Callable[[np.ndarray], np.ndarray]
 SIZES = np.geomspace(0.1, 100.0, 7)

@@ -19,8 +19,9 @@ from scipy.linalg import block_diag
 
 from robot_model.effects.nonparametric import SmoothFunction, functions
 from workbench.core.effect import Effect, Variant
+from workbench.core.least_squares.identifiability import OBSERVABLE_SIGMAS
 from workbench.core.least_squares.linear_algebra import thin_svd
-from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.candidates import Candidate, Scan, Site, Source
 from workbench.diagnosis.linear.ends import Ends
 from workbench.diagnosis.linear.estimates import Instant, Options, RealOption
@@ -439,3 +440,10 @@ class Found:
     outliers: np.ndarray
     noise_findings: tuple[Finding, ...] = ()
     history: tuple[str, ...] = field(default_factory=tuple)
+
+
+def cached(cache: dict, key, make):
+    """Result of `make()`, computed once."""
+    if key not in cache:
+        cache[key] = make()
+    return cache[key]

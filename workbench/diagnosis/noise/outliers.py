@@ -59,7 +59,7 @@ def spread_along(white: np.ndarray, x: np.ndarray) -> np.ndarray:
     """(n,) spread of residuals (m, n) with a like covariate x (n,), 1 on average: from medians of eighths, or fewer."""
     inner = np.unique(x)
     bin_count = int(np.clip(white.shape[1] // LEAST_NUMBER, 2, _LEVELS))
-    if not (len(inner) <= bin_count):
+    if len(inner) > bin_count:
         inner = np.quantile(x, np.arange(1, bin_count) / bin_count)
     part = np.searchsorted(inner, x)
     square = (white**2).sum(0)
@@ -107,21 +107,12 @@ def spread_in_blocks(squares: np.ndarray, order: np.ndarray, pose: np.ndarray) -
     _, group = np.unique(pose, return_inverse=True)
     count = np.bincount(group)
     mean, position = (np.bincount(group, x) / count for x in (squares, order))
-    n = len(count)
-    if n < 2 * _LEVELS:
+    if len(count) < 2 * _LEVELS or np.ptp(mean) == 0:
         return 1.0
-    block = np.argsort(np.argsort(position, kind="stable")) * _LEVELS // n
-    return _kruskal_wallis(mean, block)
+    from scipy.stats import kruskal
 
-
-def _kruskal_wallis(values: np.ndarray, block: np.ndarray) -> float:
-    """p-value that values (n,) of all blocks (n,) have one distribution."""
-    n = len(values)
-    rank = np.argsort(np.argsort(values)) + 1.0
-    size = np.bincount(block)
-    sums = np.bincount(block, rank)
-    statistic = 12 / (n * (n + 1)) * (sums**2 / size).sum() - 3 * (n + 1)
-    return float(chi2.sf(statistic, len(size) - 1))
+    in_order = mean[np.argsort(position, kind="stable")]
+    return float(kruskal(*np.array_split(in_order, _LEVELS)).pvalue)
 
 
 _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])

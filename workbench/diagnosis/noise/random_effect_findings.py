@@ -61,8 +61,8 @@ def unrecorded_causes(random_effect: RandomEffect, problem: Problem) -> tuple[Al
 def unrecorded(problem: Problem, place: Located) -> tuple[Alternative, ...]:
     """Possible causes of the residual at a place through a covariate that was not recorded.
 
-    Where the place moves from sample to sample besides, what `hidden` says of that; where it goes with time, what
-    changes with time.
+    Where the place has a random effect besides, as of `unrecorded_causes`; where it goes with time, what changes with
+    time.
     """
     found = find_random_effect(problem, RANDOM_EFFECT_LEVEL)
     if found is not None and found.site.where == place.where:

@@ -16,11 +16,12 @@ from robot_model.system import RobotChain, bind
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect, Variant
 from workbench.core.errors import InputError
+from workbench.core.least_squares.identifiability import OBSERVABLE_SIGMAS
 from workbench.core.least_squares.linear_algebra import covariance_of
 from workbench.core.least_squares.solver import Fit, solve
 from workbench.core.model import STATE_PORTS, Model
 from workbench.core.parameters import Parameters
-from workbench.diagnosis.levels import OBSERVABLE_SIGMAS, ROUNDING
+from workbench.diagnosis.levels import ROUNDING
 from workbench.diagnosis.linear.estimates import Options, parameter_row
 from workbench.diagnosis.linear.problem import Bench, Problem
 from workbench.diagnosis.noise.outliers import robust_weights

@@ -282,7 +282,8 @@ def _merged(general: Finding, special_cases: Sequence[Finding]) -> Finding:
     others = [a for a in general.alternatives if (a.effect, a.where) not in names]
     probability = max(finding.probability for finding in merged)
     listed = sum(a.probability for a in others)
-    scale = min(1.0, (1 - probability) / max(listed, 1e-300))
+    unshared = max(1 - probability, 0.0)  # a sum of shares may exceed 1 by rounding
+    scale = min(1.0, unshared / max(listed, 1e-300))
     squares = sum(finding.size**2 for finding in merged)
     size = float(np.sqrt(squares))
     alternatives = tuple(replace(a, probability=a.probability * scale) for a in others)

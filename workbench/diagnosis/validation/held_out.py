@@ -13,8 +13,7 @@ from workbench.diagnosis.levels import (
     LEAST_NUMBER,
     NEGLIGIBLE_SHARE,
 )
-from workbench.diagnosis.linear.evidence import cached
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.problem import Problem, cached
 from workbench.diagnosis.noise.data_findings import is_move_known
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.left_out_blocks import (

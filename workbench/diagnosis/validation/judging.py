@@ -17,8 +17,7 @@ from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import CONFOUNDED_SHARE, OUTLIER_WEIGHT
-from workbench.diagnosis.linear.evidence import cached
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.problem import Problem, cached
 from workbench.diagnosis.validation.controls import of_order
 from workbench.diagnosis.validation.folds import TIME, Scheme, schemes
 from workbench.diagnosis.validation.held_out import (

@@ -10,8 +10,7 @@ import numpy as np
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
 from workbench.diagnosis.levels import NEGLIGIBLE_SHARE
-from workbench.diagnosis.linear.evidence import cached
-from workbench.diagnosis.linear.problem import BLOCK, Problem
+from workbench.diagnosis.linear.problem import BLOCK, Problem, cached
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def misfit_suspicions(
 ) -> Iterator[Suspicion]:
     """The best explanation of a misfit, or warnings on what else could be wrong.
 
-    recorded: fit of the data as they are. good: scale in mm of a good fit.
+    recorded: fit of the data as they are. scale_of_good_fit: mm.
     """
     search = search_singles(robot, recording)
     explanations = (*search.explanations, *_scaled(robot, recording))

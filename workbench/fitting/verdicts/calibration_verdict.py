@@ -58,9 +58,8 @@ def remark_on_kind(measures: str) -> str:
     meaning = f"These errors are {ONE_NUMBER[measures]}: one number for each sample."
     if measures == FILE_KIND:
         meaning = (
-            "A sample is a scan, one ball in one pose. Its error is the RMS over its points of the "
-            f"{ONE_NUMBER[measures]} that errors of the pose, the model and the place of the scan make, without the "
-            "noise of single points."
+            "A sample is a scan: the points of one ball in one pose. Its error is the RMS distance of these points "
+            "from the ball, without the noise of single points."
         )
     return f"{meaning} The 3-D error of the arm may be larger."
 

@@ -198,7 +198,6 @@ def _try(step: Step, stage: Stage, split: Split) -> Step:
         fit = solve_independent(part, trial, free, stage, root)
         is_free = dict(zip(fit.parameters.keys, fit.parameters.mask))
         tied = {key: partners for key, partners in tied.items() if not is_free[key]}
-    if stage.canonical:
         fit = settled(part, fit, stage.loss, stage.steps)
     if size is not None:
         fit = solve(part, resized(fit.parameters, size), stage.loss, stage.steps)

@@ -1,10 +1,11 @@
 """Residuals between prediction and measurement: one per sample, and their distribution."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import plotly.graph_objects as go
 
+from robot_model.measurements import ball_scan
 from workbench.core.distributions import chi2
 from workbench.report import style
 from workbench.report.text import rounded
@@ -28,6 +29,24 @@ class Kind:
 
 POSITION = Kind("3-D distance", "mm", "", "position")
 ROTATION = Kind("rotation angle", "deg", "rotation_", "orientation")
+_FROM_BALL = "radial distance of the points"
+_SINGLE_NUMBERS = {
+    ball_scan.FILE_KIND: _FROM_BALL,
+    ball_scan.KIND: _FROM_BALL,
+    "plane-touch": "distance of the tip from the plane",
+    "distance": "error of the length",
+}
+
+
+def position_kind(measures: str) -> Kind:
+    """The kind of the position error of a recording, which may be one number for each sample."""
+    return replace(POSITION, quantity=_SINGLE_NUMBERS.get(measures, POSITION.quantity))
+
+
+def kinds_of(calibration) -> list[Kind]:
+    """The kinds of error that a calibration has."""
+    kinds = (position_kind(calibration.recording.measures), ROTATION)
+    return [kind for kind in kinds if kind.key("rms") in calibration.held_out]
 
 
 @dataclass(frozen=True)
@@ -69,6 +88,7 @@ def errors_of(calibration) -> Errors:
         is_judged,
         _root_mean_square(calibration.recording.sigma),
         int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length has two zero components
+        position_kind(calibration.recording.measures),
         fit=np.linalg.norm(calibration.fit_residual, axis=0),
         nominal=np.linalg.norm(calibration.nominal_residual, axis=0),
     )
@@ -152,7 +172,7 @@ def noise_sentence(
         )
     floor = np.sqrt(coordinates) * sigma
     ratio = held_out[kind.key("rms")] / floor
-    coordinate = "per coordinate" if kind is POSITION else "per axis"
+    coordinate = "per axis" if kind is ROTATION else "per coordinate"
     quantity = "distance" if coordinates == 1 else kind.quantity
     return (
         f"The recording states σ = {sigma:.3g} {kind.unit} {coordinate}. Noise alone causes an RMS "

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from workbench.report.calibration.errors import FIGURES, POSITION, ROTATION, Kind
+from workbench.report.calibration.errors import FIGURES, POSITION, ROTATION, Errors, Kind, kinds_of
 from workbench.report.text import counted, rounded
 
 
@@ -21,7 +21,7 @@ def section(calibration, errors, rotation=None, verdict: str = "") -> dict:
             for errors_of_kind in (errors, rotation)
             if errors_of_kind is not None
         ],
-        "meaning": meaning(calibration, errors.is_held_out),
+        "meaning": meaning(calibration, errors),
         "gain": gain(calibration),
         "caution": caution(calibration),
         "verdict": verdict,
@@ -37,8 +37,9 @@ def _numbers(held_out: dict, kind: Kind) -> dict:
     return {"what": kind.quantity, "unit": kind.unit, "numbers": values}
 
 
-def meaning(calibration, is_judged: np.ndarray) -> str:
+def meaning(calibration, errors: Errors) -> str:
     """Meaning of the large numbers, with the count of poses and folds."""
+    is_judged = errors.is_held_out
     poses = len(np.unique(calibration.recording.poses[is_judged]))
     folds = calibration.held_out.get("folds", 0)
     where = f"in {counted(folds, 'fold')}" if folds > 1 else "in one test set"
@@ -47,8 +48,12 @@ def meaning(calibration, is_judged: np.ndarray) -> str:
         if ROTATION.key("rms") in calibration.held_out
         else ""
     )
+    if errors.kind == POSITION:
+        distance = "Distance between the prediction of the calibrated model and the measured point"
+    else:
+        distance = f"{errors.kind.quantity.capitalize()} with the calibrated model"
     return (
-        f"Distance between the prediction of the calibrated model and the measured point{orientation}, on "
+        f"{distance}{orientation}, on "
         f"{counted(int(is_judged.sum()), 'sample')} in {counted(poses, 'pose')} held out from the fit "
         f"({where}; repeats of a pose are always in the same fold)."
     )
@@ -56,8 +61,7 @@ def meaning(calibration, is_judged: np.ndarray) -> str:
 
 def gain(calibration) -> str:
     """Nominal, fit and held-out RMS in comparison."""
-    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
-    return " ".join(_gain(calibration, kind) for kind in kinds)
+    return " ".join(_gain(calibration, kind) for kind in kinds_of(calibration))
 
 
 def _gain(calibration, kind: Kind) -> str:

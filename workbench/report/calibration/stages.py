@@ -3,13 +3,13 @@
 import plotly.graph_objects as go
 
 from workbench.report import style
-from workbench.report.calibration.errors import POSITION, ROTATION, Kind
+from workbench.report.calibration.errors import POSITION, Kind, kinds_of
 from workbench.report.text import counted, rounded, sentence
 
 
 def section(calibration) -> dict:
     """A step chart for each kind of error, the table of stages, and the sentence on stages that are not retained."""
-    kinds = [kind for kind in (POSITION, ROTATION) if kind.key("rms") in calibration.held_out]
+    kinds = kinds_of(calibration)
     charts = [
         {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))}
         for kind in kinds

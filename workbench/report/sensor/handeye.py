@@ -36,6 +36,8 @@ _WORDS = {
     "least_turn_deg": "the same: board rotation, RMS, 1 rad weighted as 300 mm (deg)",
 }
 
+_OF_POINTS = {"rms_mm": "distance of the measured points, RMS (mm)"}
+"""Errors of points on the flange: each pose has one, so that none is weighted by pose."""
 _NOT_DETERMINED = "The errors of the flange poses are not estimated: camera or hand-eye transform is not determined."
 _NAMED = 40  # largest number of bars that carry their names
 _RAGGED = " points left out, off the circle or at its ragged ends"
@@ -191,16 +193,17 @@ def _poses(run):
         )
         for name, row in zip(run.names, hand_eye.poses)
     ]
-    yield table(
-        [
-            "pose",
-            f"residual ({hand_eye.unit})",
-            f"held out ({hand_eye.unit})",
-            "flange error (mm)",
-            "flange rotation error (deg)",
-        ],
-        rows,
-    )
+    head = [
+        "pose",
+        f"residual ({hand_eye.unit})",
+        f"held out ({hand_eye.unit})",
+        "flange error (mm)",
+        "flange rotation error (deg)",
+    ]
+    if run.is_of_external_points:  # one point does not tell its own error from that of the flange
+        head = head[:3]
+        rows = [row[:3] for row in rows]
+    yield table(head, rows)
     outliers = [sentence(row.why) for row in hand_eye.poses if row.why]
     if outliers:
         yield note("Excluded poses", outliers)
@@ -259,12 +262,15 @@ def _bars(run) -> go.Figure:
 
 def _errors(run):
     hand_eye = run.made
-    keys = [key for key in hand_eye.fit if key in _WORDS]
-    words_of = {key: text.replace("board", "target") for key, text in _WORDS.items()}
-    words_of = words_of if run.is_of_target_poses else _WORDS
+    words_of = _WORDS
+    if run.is_of_target_poses:
+        words_of = {key: text.replace("board", "target") for key, text in _WORDS.items()}
+    elif run.is_of_external_points:
+        words_of = _OF_POINTS
     rows = [
-        (words_of[key], rounded(hand_eye.fit[key]), rounded(hand_eye.held_out.get(key)))
-        for key in keys
+        (words_of[key], rounded(value), rounded(hand_eye.held_out.get(key)))
+        for key, value in hand_eye.fit.items()
+        if key in words_of
     ]
     yield table(["", "fit", "held out"], rows)
     suspicions_and_gaps = [sentence(line) for line in (*suspicions(run), *undetermined(run))]
@@ -357,6 +363,8 @@ def _transform(run):
     ]
     yield table(["", "value", "σ", "unit"], rows)
     yield from _as_matrix(hand_eye.sensor)
+    if run.is_of_external_points:
+        yield from _measured_point(hand_eye)
     if run.stated_radius is not None:
         std = hand_eye.std.get("target.radius")
         radius = (
@@ -366,6 +374,14 @@ def _transform(run):
         )
         yield words(f"Radius of the sphere: {radius}.")
         yield from _profiler(run)
+
+
+def _measured_point(hand_eye):
+    """The point on the flange, which is the tool centre point where the tool carries it."""
+    yield words("Measured point in the frame of the flange (tool centre point):")
+    std = np.sqrt(np.diag(hand_eye.target_covariance))
+    rows = [(axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", hand_eye.centre, std)]
+    yield table(["", "value", "σ", "unit"], rows)
 
 
 def _as_matrix(sensor):

@@ -17,11 +17,10 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
 from workbench.fitting.plausibility.hypotheses.coupling_corrections import coupling_corrections
 from workbench.fitting.plausibility.hypotheses.joint_corrections import joint_corrections
 from workbench.fitting.plausibility.hypotheses.point_corrections import pose_corrections
-from workbench.fitting.plausibility.rows.row_groups import Reason
+from workbench.fitting.plausibility.rows.row_groups import MIN_SHARE, Reason
 
-_LEAST_SHARE = 0.7
-"""Share of the rows of a group that have to fit under a correction."""
-_LEAST_ROWS = 3
+LEAST_ROWS = 3
+"""Rows of a group with a mistake in common."""
 _CLOSE = 1.5
 _NAMED = 8
 _LABELS = ("ball", "reflector")
@@ -34,14 +33,14 @@ def corrected_columns(robot, recording, fit: Fit, rows, limit: float) -> Reason 
 
     rows: numbers of the outlying rows. limit: mismatch in mm below which a row fits.
     """
-    if len(rows) < _LEAST_ROWS:
+    if len(rows) < LEAST_ROWS:
         return None
     selection = RowsWithTargets.of(recording, rows)
     fitting = [
         (correction, float(np.median(mismatch)))
         for correction in _corrections(robot, selection.recording)
         if (mismatch := selection.mismatch(robot, correction, fit)) is not None
-        and (mismatch < limit).mean() > _LEAST_SHARE
+        and (mismatch < limit).mean() > MIN_SHARE
     ]
     if not fitting:
         return None
@@ -133,7 +132,7 @@ def copied_readings(robot, recording, fit: Fit, rows, limit: float) -> Reason | 
     sources = np.array([places.get(tuple(joints[k]), -1) for k in rows])
     is_copy = sources >= 0
     poses = {tuple(joints[k]) for k in rows[is_copy]}
-    if is_copy.mean() <= _LEAST_SHARE or len(poses) < _LEAST_ROWS:
+    if is_copy.mean() <= MIN_SHARE or len(poses) < LEAST_ROWS:
         return None
     ids = recording.sample_ids
     copies = ids[rows[is_copy]]
@@ -159,7 +158,7 @@ def held_measurements(robot, recording, fit: Fit, rows, limit: float) -> Reason 
     repeating = rows[sources[rows] >= 0]
     joints = recording.joints
     repeating = repeating[np.any(joints[repeating] != joints[sources[repeating]], axis=1)]
-    if len(repeating) < 2 or len(repeating) <= _LEAST_SHARE * len(rows):
+    if len(repeating) < 2 or len(repeating) <= MIN_SHARE * len(rows):
         return None
     ids = recording.sample_ids
     pairs = [f"{ids[k]} (that of {ids[sources[k]]})" for k in repeating[:_NAMED]]

@@ -19,7 +19,7 @@ from workbench.fitting.plausibility.fitting import (
     tool_patterns,
 )
 
-_MIN_SHARE = 0.7
+MIN_SHARE = 0.7
 """Share of the rows of a group that have to fit under the common mistake."""
 _LEAST_ROWS = 8
 _EQUAL_RATIO = 2.0
@@ -47,7 +47,7 @@ def readings_in_other_unit(robot, recording, fit: Fit, rows, tolerance: float) -
     names = [name for name in joint_columns(recording.columns) if name.endswith("_deg")]
     for unit in _UNITS:
         scaled = {name: ANGLES[unit] * recording.columns[name] for name in names}
-        if _share_fitting(robot, recording, scaled, fit, rows, tolerance) > _MIN_SHARE:
+        if _share_fitting(robot, recording, scaled, fit, rows, tolerance) > MIN_SHARE:
             return Reason(
                 f"their joint readings fit in the unit {unit} instead of deg, so that units are mixed",
                 "joint-unit",
@@ -60,7 +60,7 @@ def lost_signs(robot, recording, fit: Fit, rows, tolerance: float) -> Reason | N
     points = [name for name in POINT if name in recording.columns]
     for name in (*joint_columns(recording.columns), *points):
         reversed_column = {name: -recording.columns[name]}
-        if _share_fitting(robot, recording, reversed_column, fit, rows, tolerance) > _MIN_SHARE:
+        if _share_fitting(robot, recording, reversed_column, fit, rows, tolerance) > MIN_SHARE:
             signs = np.sign(recording.columns[name])
             one_sign = (signs >= 0).all() or (signs <= 0).all()
             lost = "; the column has no value of the other sign at all" if one_sign else ""
@@ -78,7 +78,7 @@ def interchanged_columns(robot, recording, fit: Fit, rows, tolerance: float) -> 
     joints = joint_columns(recording.columns)
     for a, b in (*combinations(points, 2), *combinations(joints, 2)):
         exchanged = {a: recording.columns[b], b: recording.columns[a]}
-        if _share_fitting(robot, recording, exchanged, fit, rows, tolerance) > _MIN_SHARE:
+        if _share_fitting(robot, recording, exchanged, fit, rows, tolerance) > MIN_SHARE:
             return Reason(
                 f"they fit if columns {a} and {b} are interchanged: the order of columns is mixed",
                 "axis-order" if a in points else "joint-order",
@@ -112,7 +112,7 @@ def another_frame(robot, recording, fit: Fit, rows, tolerance: float) -> Reason 
         places = [
             place
             for place, mismatches in refitted.items()
-            if (mismatches < limit).mean() > _MIN_SHARE
+            if (mismatches < limit).mean() > MIN_SHARE
             and np.median(mismatches) <= _EQUAL_RATIO * smallest
         ]
         if places:

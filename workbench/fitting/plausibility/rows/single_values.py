@@ -11,12 +11,9 @@ import numpy as np
 
 from datasets.samples.columns import POINT, joint_columns
 from workbench.fitting.plausibility.fitting import FAILURES, Fit, row_residual
-from workbench.fitting.plausibility.rows.group_corrections import RowsWithTargets
-from workbench.fitting.plausibility.rows.row_groups import Reason
+from workbench.fitting.plausibility.rows.group_corrections import LEAST_ROWS, RowsWithTargets
+from workbench.fitting.plausibility.rows.row_groups import MIN_SHARE, Reason
 
-_LEAST_SHARE = 0.7
-"""Share of the rows that have to fit with one other value."""
-_LEAST_ROWS = 3
 _TURN = np.arange(-180.0, 180.0, 10.0)
 _SHARES = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7])
 _LARGEST_SHARE = 0.8
@@ -31,13 +28,13 @@ def wrong_coordinate(robot, recording, fit: Fit, rows, limit: float) -> Reason |
 
     rows: numbers of the outlying rows. limit: mismatch in mm below which a row fits.
     """
-    if not set(POINT) <= set(recording.columns) or len(rows) < _LEAST_ROWS:
+    if not set(POINT) <= set(recording.columns) or len(rows) < LEAST_ROWS:
         return None
     residual = row_residual(robot, recording, fit)[:, rows]
     for k, name in enumerate(POINT):
         others = np.delete(residual, k, axis=0)
         fits = np.sqrt((others**2).sum(0)) < limit
-        if fits.mean() > _LEAST_SHARE and not _is_constant(residual[k, fits]):
+        if fits.mean() > MIN_SHARE and not _is_constant(residual[k, fits]):
             values = recording.columns[name]
             return Reason(
                 f"they fit but for column {name}{_pattern(values, rows, recording)}; the other columns of these rows "
@@ -49,7 +46,7 @@ def wrong_coordinate(robot, recording, fit: Fit, rows, limit: float) -> Reason |
 
 def wrong_reading(robot, recording, fit: Fit, rows, limit: float) -> Reason | None:
     """The rows fit with another reading of one joint."""
-    if len(rows) < _LEAST_ROWS:
+    if len(rows) < LEAST_ROWS:
         return None
     selection = RowsWithTargets.of(recording, rows)
     for name in joint_columns(recording.columns):
@@ -59,14 +56,14 @@ def wrong_reading(robot, recording, fit: Fit, rows, limit: float) -> Reason | No
         if solved is None:
             continue
         fits = solved.mismatch < limit
-        if fits.mean() > _LEAST_SHARE and not _is_absorbed(robot, name, solved.values[fits]):
+        if fits.mean() > MIN_SHARE and not _is_absorbed(robot, name, solved.values[fits]):
             return _of_readings(recording, rows, name, solved, fits)
     return None
 
 
 def moving_arm(robot, recording, fit: Fit, rows, limit: float) -> Reason | None:
     """The readings of the rows lie on the way from or to a neighbouring pose: they were read while the arm moved."""
-    if len(rows) < _LEAST_ROWS:
+    if len(rows) < LEAST_ROWS:
         return None
     for step, words in ((-1, "before the arm had arrived"), (1, "after the arm had left")):
         corrected = _arrived(robot, recording, fit, rows, step)
@@ -74,7 +71,7 @@ def moving_arm(robot, recording, fit: Fit, rows, limit: float) -> Reason | None:
             continue
         solved, has_neighbour = corrected
         fits = (solved.mismatch < limit) & has_neighbour & (solved.values > 0)
-        if fits.mean() > _LEAST_SHARE:
+        if fits.mean() > MIN_SHARE:
             left = 100 * solved.values[fits]
             neighbour = "from the pose before" if step < 0 else "to the next pose"
             return Reason(
@@ -201,7 +198,7 @@ def _pattern(values: np.ndarray, rows, recording) -> str:
     block = values[first : last + 1]
     ids = recording.sample_ids
     where = f"from sample {ids[first]} to {ids[last]}"
-    if len(block) < _LEAST_ROWS + 1:
+    if len(block) < LEAST_ROWS + 1:
         return ""
     size = max(float(np.abs(block).max()), 1e-9)
     if np.ptp(block) <= 1e-9 * size:
