@@ -138,5 +138,6 @@ def test_a_noise_in_another_unit_is_not_compared():
 def test_errors_of_one_number_for_each_sample_are_named():
     from workbench.fitting.verdicts.calibration_verdict import remark_on_kind
 
-    assert "distances of the measured points from the ball" in remark_on_kind("ball-surface")
+    assert "RMS distance of these points from the ball" in remark_on_kind("ball-surface")
+    assert "distances of the tip from the plane" in remark_on_kind("plane-touch")
     assert remark_on_kind("external-point") == remark_on_kind("external-pose") == ""
