@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from test_diagnosis_answer import term
+from test_diagnosis_answer import GAP, made, term
+from workbench.diagnosis.linear.problem import Found
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.result import Proof, has_unexplained_structure, verdict_of
-from workbench.explanation.unexplained import contains_unexplained_structure
+from workbench.explanation.unexplained import contains_unexplained_structure, without_outliers
 
 
 @pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
@@ -41,3 +43,19 @@ def test_uncertainty_of_the_parameters_is_no_remainder():
     proof = Proof(0.022, 0.0209, 0.0209, 9.0, 5, 0.02, "stated", np.zeros((2, 1)), np.zeros(1))
     assert has_unexplained_structure(proof, 1e-9)
     assert not has_unexplained_structure(replace(proof, variance_factors=(1.09, 1.1)), 1e-9)
+
+
+@pytest.mark.parametrize("gap", [True, False])
+def test_outliers_alone_leave_the_structure_of_all_other_samples(gap, tmp_path):
+    """What the search found and validation refused is in no retained term; outliers take nothing off it."""
+    bench = bench_of(made(tmp_path, effect=[GAP] if gap else []))
+    problem = bench.problem(())
+    outliers = np.arange(problem.n) < 2
+    found = Found((), problem, problem, 1e-9, 0.5, (), (), outliers)
+    retained = [term(0.99, effect="outliers")]
+    refused = [replace(term(0.99), kept=False)]
+    proved = SimpleNamespace(t=0.0)
+    left = without_outliers(bench, found, retained, refused, proved)
+    assert (left.p_remainder < 1e-3) is gap
+    assert contains_unexplained_structure(bench, left, retained, proved, False) is gap
+    assert without_outliers(bench, found, retained, [], proved) is found

@@ -1,18 +1,44 @@
 """Structure of the residual that no retained term explains: tests for it, and the term `unknown` that states it."""
 
+from dataclasses import replace
+
 from workbench.diagnosis.levels import (
     CRITICAL_T,
     NOTABLE_SHARE,
     RANDOM_EFFECT_LEVEL,
     UNMODELLED_LEVEL,
 )
+from workbench.diagnosis.linear.hypotheses import family_wise, located, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effect_findings import unrecorded
+from workbench.diagnosis.validation.folds import tested_samples
 from workbench.explanation.result import Term, has_unexplained_structure
 from workbench.explanation.sentences import statements
 
+OUTLIERS = "outliers"
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure
+
+
+def without_outliers(bench, found: Found, terms, refused, proved) -> Found:
+    """Findings with the structure of the samples that are no outliers, where outliers are all that was retained.
+
+    Outliers take nothing off the errors of the other samples. Where all effects that the search found were refused,
+    their structure is left there, although the remainder of the search, which contains them, is noise. Unchanged where
+    no place holds this structure, see `is_structure_located`.
+    """
+    retains_outliers_alone = bool(terms) and all(t.finding.effect == OUTLIERS for t in terms)
+    is_significant = found.p_first < UNMODELLED_LEVEL
+    if bench.chain is None or not (retains_outliers_alone and is_significant and refused):
+        return found
+    tested = tested_samples(bench)
+    samples = ~found.outliers if tested is None else tested & ~found.outliers
+    problem = bench.problem((), samples).conditional_on()
+    table = ranked_hypotheses(problem)
+    p = family_wise(table)
+    places = located(problem, table)
+    fresh = replace(found, p_first=p, p_remainder=p, located=places, remainder=places)
+    return fresh if is_structure_located(bench, fresh, refused, proved) else found
 
 
 def contains_unexplained_structure(bench, found: Found, terms, proved, is_above: bool) -> bool:
@@ -32,7 +58,7 @@ def is_remainder_located(bench, found: Found) -> bool:
     """Whether some place of a sensor holds a significant share of the remainder; see `is_structure_located`."""
     if bench.chain is not None:
         return True
-    return any(located.p_value < _PLACED and located.share > 0 for located in found.remainder)
+    return any(place.p_value < _PLACED and place.share > 0 for place in found.remainder)
 
 
 def is_structure_located(bench, found: Found, refused, proved) -> bool:
@@ -46,9 +72,7 @@ def is_structure_located(bench, found: Found, refused, proved) -> bool:
     of a law that neither a smooth function nor the held-out errors of what the folds found (`Proof.t`) support counts
     from `RANDOM_EFFECT_LEVEL` on, that of tests whose null hypothesis is only nearly right.
     """
-    places = any(
-        located.p_value < _PLACED and located.share > NOTABLE_SHARE for located in found.located
-    )
+    places = any(place.p_value < _PLACED and place.share > NOTABLE_SHARE for place in found.located)
     if bench.chain is not None:
         return places or proved.t > CRITICAL_T or found.p_first < RANDOM_EFFECT_LEVEL
     gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
@@ -74,9 +98,9 @@ def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     if any(term.finding.effect == "unknown" for term in terms):
         return ()
     places = [
-        located
-        for located in (found.remainder if terms else found.located)
-        if located.depends_on and located.p_value < _PLACED and located.share > 0
+        place
+        for place in (found.remainder if terms else found.located)
+        if place.depends_on and place.p_value < _PLACED and place.share > 0
     ]
     if not places:
         return (Term(_of_refused(found, refused, bool(terms)), remainder=bool(terms)),)
@@ -97,11 +121,11 @@ def unknown_terms(found: Found, terms, refused, problem) -> tuple[Term, ...]:
     return (Term(unknown, share=most_probable.share, remainder=bool(terms)),)
 
 
-def _refused_at_place(refused, located) -> tuple[Alternative, ...]:
+def _refused_at_place(refused, place) -> tuple[Alternative, ...]:
     """Named effects of the first search at a place that cross-validation refused, the most probable first."""
     named = [term.finding for term in refused if term.finding.effects]
     refused_here = [
-        finding for finding in named if finding.where == located.where and finding.p_value < _PLACED
+        finding for finding in named if finding.where == place.where and finding.p_value < _PLACED
     ]
     return tuple(
         Alternative(
@@ -140,4 +164,5 @@ __all__ = [
     "is_remainder_located",
     "is_structure_located",
     "unknown_terms",
+    "without_outliers",
 ]
