@@ -86,3 +86,14 @@ def test_a_diagnosis_with_folds_that_start_early_is_the_same(monkeypatch):
     for a, b in zip(alone.proof.schemes, together.proof.schemes):
         assert a["after"] == pytest.approx(b["after"], rel=1e-9)
         assert a["t"] == pytest.approx(b["t"], rel=1e-9)
+
+
+def test_the_core_of_a_search_that_ended_takes_one_more_part(tmp_path):
+    bench = str(tmp_path)
+    with FoldSearches(search, 2) as searches:
+        searches.use_all_cores()
+        assert not searches.has_begun  # what a short search found is not worth processes
+        searches.start(bench, PARTS)
+        searches.use_all_cores()
+        assert list(searches.results(bench, PARTS)) == expected(PARTS)
+    assert all(len(pids) == 1 for pids in noted(tmp_path).values())

@@ -390,6 +390,7 @@ def _searched(bench: Bench, report: Reporter, searches: FoldSearches) -> tuple[B
     bench, found = with_random_errors(
         bench, lambda sampled: find(sampled, progress=progress, first=announce)
     )
+    searches.use_all_cores()
     report.first(statements.preliminary(found))
     report.provisional(statements.provisional_keys(statements.preliminary(found), found.findings))
     used_seconds = time.perf_counter() - start

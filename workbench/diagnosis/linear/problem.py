@@ -172,6 +172,11 @@ class Problem:
             return np.eye(self.basis.shape[1])
         return block_diag(np.eye(self.basis.shape[1]), self.retained.hat_mixing)
 
+    @cached_property
+    def information_of_blocks(self) -> dict:
+        """What `validation.left_out_blocks` keeps of this problem alone; empty at first."""
+        return {}
+
     def transformed(
         self, white: Callable[[np.ndarray], np.ndarray], weights: np.ndarray | None = None
     ) -> "Problem":

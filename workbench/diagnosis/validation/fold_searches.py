@@ -54,6 +54,11 @@ class FoldSearches:
         for _ in range(self.jobs - 1):
             self._submit_next()
 
+    def use_all_cores(self) -> None:
+        """Search one more part at a time, on the core that the search of all samples has left."""
+        if self._bench is not None:
+            self._submit_next()
+
     def results(self, bench: Bench, parts: Iterable[np.ndarray]) -> Iterator[list]:
         """What the search gives of each part, in their order; this process does nothing else meanwhile."""
         self._waiting.clear()

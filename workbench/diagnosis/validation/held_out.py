@@ -290,6 +290,11 @@ class Errors:
         """(n,) each sample predicted from the other folds (n,) int."""
         return self.predicted(fold, dict.fromkeys(np.unique(fold).tolist(), effects))
 
+    def prepare(self, effects: Sequence[Effect], block: np.ndarray) -> None:
+        """Make and keep the errors of one block (n,) bool, without and with some effects."""
+        self._block((), block)
+        self._block(effects, block)
+
     def predicted(self, fold: np.ndarray, chosen: Mapping[int, Sequence[Effect]]) -> np.ndarray:
         """(n,) errors where every fold is predicted with effects of its own."""
         rows = np.empty((_ROWS, len(fold)))

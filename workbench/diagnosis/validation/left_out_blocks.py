@@ -62,11 +62,25 @@ def _block(problem: Problem, rows: np.ndarray) -> Block:
     return cached(problem.cache, (BLOCK, len(problem.fit_columns), rows.tobytes()), make)
 
 
+def _information(problem: Problem, block: Block) -> np.ndarray:
+    """(P, P) B_b'B_b of a block: its share of the information on each direction; made once a problem.
+
+    The first columns of `hat_mixing` are those of the baseline's basis, as they are.
+    """
+
+    def make():
+        size = problem.basis.shape[1]
+        mixing = problem.hat_mixing[size:, size:]
+        across = block.gram[:size, size:] @ mixing
+        corner = mixing.T @ block.gram[size:, size:] @ mixing
+        return np.block([[block.gram[:size, :size], across], [across.T, corner]])
+
+    return cached(problem.information_of_blocks, block.rows.tobytes(), make)
+
+
 def block_shares(problem: Problem, rows: np.ndarray) -> np.ndarray:
     """(P,) shares of the directions of a fit that the rows (N,) bool of a block alone determine, ascending."""
-    mixing = problem.hat_mixing
-    matrix = mixing.T @ _block(problem, rows).gram @ mixing
-    return symmetric_eigenvalues(matrix)
+    return symmetric_eigenvalues(_information(problem, _block(problem, rows)))
 
 
 def left_out_rows(
@@ -84,7 +98,7 @@ def left_out_rows(
     leave_out = _scored_block if scored else _without_block
     for k in np.unique(fold) if only is None else (only,):
         block = _block(problem, block_of_row == k)
-        inner = mixing.T @ block.gram @ mixing
+        inner = _information(problem, block)
         prediction = block.gram @ fitted
         score = mixing.T @ (block.moments - prediction)
         change, log_determinant = leave_out(inner, score)
@@ -109,7 +123,7 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
     has_errors = np.isfinite(errors).any(0)
     for k in np.unique(block_of_row[has_errors]):
         block = _block(problem, block_of_row == k)
-        matrix = mixing.T @ block.gram @ mixing
+        matrix = _information(problem, block)
         values, vectors = symmetric_eigen(matrix)
         remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
         shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
@@ -118,6 +132,7 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
         projected = (by_column @ mixing) @ vectors
         change = (projected * shrinkage) @ vectors.T
         out[:, block.rows] -= change @ mixing.T @ block.columns.T
+    problem.information_of_blocks.clear()  # megabytes a block, which nothing asks for again
     return out * problem.units
 
 
@@ -138,7 +153,7 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
     added = 0.0
     for k in np.unique(fold[inliers]):
         block = _block(problem, block_of_row == k)
-        matrix = mixing.T @ block.gram @ mixing
+        matrix = _information(problem, block)
         values, vectors = symmetric_eigen(matrix)
         columns = block.columns[counted[block.rows]] @ mixing
         gram = columns.T @ columns

@@ -213,7 +213,8 @@ def _nested_search(
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
     searched = searched_schemes(bench, terms, tested_schemes)
     results = []
-    by_scheme = dict(zip(searched, _search_nested(bench, searches, searched, progress)))
+    found_in_folds = _search_nested(bench, searches, searched, progress, compared)
+    by_scheme = dict(zip(searched, found_in_folds))
     for scheme in tested_schemes:
         if scheme not in by_scheme:
             plain = errors((), scheme.fold)
@@ -274,15 +275,19 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
 
 
 def _search_nested(
-    bench, searches: FoldSearches, tested_schemes: list[Scheme], progress: Progress
+    bench, searches: FoldSearches, tested_schemes: list[Scheme], progress: Progress, errors: Errors
 ) -> list[dict[int, list[Finding]]]:
-    """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold."""
+    """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold.
+
+    errors: made of each fold while the searches of the next ones still run.
+    """
     found: list[dict[int, list[Finding]]] = [{} for _ in tested_schemes]
     work = [(i, s, k) for i, s in enumerate(tested_schemes) for k in s.folds]
     start = time.perf_counter()
     results = searches.results(bench, samples_of_folds(tested_schemes))
     for done, ((i, s, k), terms) in enumerate(zip(work, results), 1):
         found[i][k] = terms
+        errors.prepare(effects_of(terms), s.fold == k)
         seconds = time.perf_counter() - start
         seconds_left = seconds / done * (len(work) - done)
         progress(
