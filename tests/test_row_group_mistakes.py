@@ -10,6 +10,8 @@ from import_scenes import pose_scene, simulated
 from robot_model import load_robot
 from robot_model.files.loading import whole_keys
 from workbench.fitting.plausibility import check_plausibility
+from workbench.fitting.plausibility.good_fit import good_scale
+from workbench.fitting.plausibility.rows.change_points import find_new_setup
 from workbench.recordings.inspection.needs import sample_needs
 
 POINT = ("x_mm", "y_mm", "z_mm")
@@ -150,3 +152,17 @@ def test_a_twist_of_the_other_sign_is_shown_by_check(truth):
     joints[3]["alpha_deg"] *= -1
     (need,) = sample_needs(replace(truth, robot={**keys, "joint": joints}))
     assert need.is_mistake and need.is_required and "alpha_deg of joint 4" in need.sentence
+
+
+def test_another_tool_between_rows_that_agree_is_no_move_of_another_part(truth):
+    """The first and the last rows belong to one setup, however little of the misfit a change between them explains."""
+    rotation = Rotation.from_quat(np.stack([truth.columns[q] for q in ("qx", "qy", "qz", "qw")], 1))
+    middle = (np.arange(60) >= 20) & (np.arange(60) < 40)
+    displacement = middle[:, None] * rotation.apply([18.0, -7.0, 42.0])
+    moved = {name: truth.columns[name] + d for name, d in zip(POINT, displacement.T)}
+    robot = load_robot(truth.robot)
+    changed = replace(truth, columns={**truth.columns, **moved})
+    assert find_new_setup(robot, changed, good_scale(robot, changed)) is None
+    one = found(truth, **moved)
+    assert one.cause == "moved" and set(one.rows) == set(np.flatnonzero(middle))
+    assert "another point on the flange" in one.sentence

@@ -225,8 +225,10 @@ def find_new_setup(robot, recording, good: float) -> ChangePoint | None:
     if not max(before, after) < 3 * good or split + 1 > ordered.n - 4:
         return None
     place, shift = _what_moved(robot, ordered, (first, last), split + 1)
-    moved_object = _moved_object(place, recording.measures)
     scale = float(max(before, after))
+    if shift < _LEAST_GAIN * scale:
+        return None  # the first and the last rows agree: what does not fit lies between them
+    moved_object = _moved_object(place, recording.measures)
     last_before, first_after = _neighbours(recording, order, split + 1)
     return ChangePoint(
         moved_object, last_before, first_after, shift / max(scale, 1e-9), scale, shift
