@@ -17,7 +17,7 @@ class LinearisedFit:
 
     `joints` (J, m, n) and `readings` (R, m, n): by each joint variable, and by each reading with what it is coupled to.
     `matrix` (F, F) and `gradient` (F,): normal equations of the F parameters with their prior, in units (F,) in which
-    the diagonal is 1.
+    the diagonal is 1. `root` (n,): of the weight of each sample, per mm.
     """
 
     baseline: np.ndarray
@@ -27,6 +27,7 @@ class LinearisedFit:
     matrix: np.ndarray
     gradient: np.ndarray
     unit: np.ndarray
+    root: np.ndarray
 
     @classmethod
     def at(cls, robot, recording, fit: Fit) -> "LinearisedFit":
@@ -51,7 +52,7 @@ class LinearisedFit:
         by_joint = white(joints)
         by_reading = np.tensordot(robot.mixing.T, by_joint, 1)
         normal = matrix * np.outer(unit, unit)
-        return cls(baseline, residual, by_joint, by_reading, normal, gradient, unit)
+        return cls(baseline, residual, by_joint, by_reading, normal, gradient, unit, root)
 
     def solved(self, moved: np.ndarray, laws: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Coefficients (c,) of laws (c, n) of the error of a joint or reading, and their precision (c, c).

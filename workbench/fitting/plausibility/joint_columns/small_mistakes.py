@@ -1,4 +1,4 @@
-"""Mistakes in joint columns whose effect is small: a joint whose axis nearly carries the measured point.
+"""Mistakes whose effect is small: of a joint whose axis nearly carries the measured point, or of all ranges.
 
 The recording then fits to a fraction of a millimetre, and only the noise shows that something is wrong. Every single
 correction of joint columns is screened at the nominal geometry; those that leave the misfit of the same size are fitted
@@ -17,6 +17,7 @@ from workbench.fitting.plausibility.hypotheses.joint_corrections import joint_co
 from workbench.fitting.plausibility.joint_columns.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.joint_columns.reading_scales import scaled_readings
 from workbench.fitting.plausibility.misfit import rank
+from workbench.fitting.plausibility.range_offset import range_offset
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, SIGN, screen
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -69,6 +70,7 @@ def small_mistakes(robot, recording, recorded: Fit) -> list[Suspicion]:
         )
         if _explains(alternative, noise)
     ]
+    found += _of_range(robot, recording)
     if not found:
         return []
     min_scale = min(alternative.fit.scale for alternative in found)
@@ -139,6 +141,18 @@ def _coupled(robot, recording) -> list[Alternative]:
     chosen = recording.select(even_rows(recording, _ROWS))
     recorded = fit_recording(robot, chosen, steps=_STEPS)
     return [Alternative(explanation.correction, explanation.fit, recorded) for explanation in found]
+
+
+def _of_range(robot, recording) -> list[Alternative]:
+    """The constant error of all ranges of the instrument; its size tells it from an unmodelled effect of the arm."""
+    found = range_offset(robot, recording)
+    if found is None:
+        return []
+    chosen = recording.select(even_rows(recording, _ROWS))
+    recorded = fit_recording(robot, chosen, steps=_STEPS)
+    alternative = Alternative(found.correction, found.fit, recorded)
+    is_clear = alternative.is_plausible and alternative.gain > _EVIDENCE
+    return [alternative] if is_clear else []
 
 
 def _is_moving(recording, correction) -> bool:
