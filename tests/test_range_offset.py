@@ -8,7 +8,7 @@ import pytest
 from import_scenes import pose_scene, simulated
 from robot_model import load_robot
 from workbench.fitting.plausibility import check_plausibility
-from workbench.fitting.plausibility.range_offset import CAUSE, range_offset, without_offset
+from workbench.fitting.plausibility.range_offset import CAUSE, range_offset, shortened_columns
 
 POINT = ("x_mm", "y_mm", "z_mm")
 
@@ -19,7 +19,7 @@ def truth(tmp_path_factory):
 
 
 def lengthened(recording, offset):
-    columns = without_offset(recording.columns, -offset)
+    columns = shortened_columns(recording.columns, -offset)
     return replace(recording, columns={**recording.columns, **columns})
 
 
@@ -27,7 +27,7 @@ def test_the_offset_is_that_which_was_added(truth):
     robot = load_robot(truth.robot)
     found = range_offset(robot, lengthened(truth, 19.05))
     assert abs(found.offset - 19.05) < 4 * found.std < 2.0
-    back = without_offset(lengthened(truth, 19.05).columns, 19.05)
+    back = shortened_columns(lengthened(truth, 19.05).columns, 19.05)
     for name in POINT:
         np.testing.assert_allclose(back[name], truth.columns[name], atol=1e-9)
 

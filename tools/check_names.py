@@ -35,7 +35,7 @@ NO_NAMES = frozenset(
 """Words that are no name by themselves, whatever underscores or capitals surround them."""
 KEPT = ("of", "at")
 """Methods that construct (`Parameters.of`) and that select samples (`Model.at`): one meaning in the whole project."""
-MOST_NAMES = {"workbench": 46, "sensors": 7, "robot_model": 1, "datasets": 0}
+MOST_NAMES = {"workbench": 20, "sensors": 7, "robot_model": 1, "datasets": 0}
 """Number of names in each package that still are such a word."""
 
 

@@ -409,8 +409,8 @@ def _start_folds(bench: Bench, searches: FoldSearches) -> None:
     """Start the searches without a block on the cores that the search of all samples leaves idle."""
     if searches.has_begun:
         return
-    parts = schemes(bench.pose, bench.problem((), hypotheses=False))
-    searches.start(bench, proof.samples_of_folds(parts))
+    tested_schemes = schemes(bench.pose, bench.problem((), hypotheses=False))
+    searches.start(bench, proof.samples_of_folds(tested_schemes))
 
 
 def _proved(bench, found: Found, noise, report, searches: FoldSearches):

@@ -22,7 +22,7 @@ from workbench.fitting.checked_samples import CheckedSamples
 
 _POINT = ("x_mm", "y_mm", "z_mm")
 _OF_POINTS = ("sigma_mm", *SIGMAS)
-_FAR = 6.0  # robust standard deviations beyond which a point is not of the ball's surface
+_FAR_SIGMAS = 6.0  # robust standard deviations beyond which a point is not of the ball's surface
 _FEWEST = 4
 _NUMBERS = 3  # that the points of a scan determine
 _RATIO = 1.5  # of stated and shown noise, from which on they differ: no noise is known much better
@@ -89,10 +89,10 @@ def _fitted(points, scan, centre, radius, is_usable) -> tuple[_Surface, np.ndarr
     used = of_usable
     fitted = fit(points, scan, used, centre, radius)
     for _ in range(_MAX_ROUNDS):
-        near = _near_surface(fitted.gap, scan, used, of_usable)
-        if (near == used).all():
+        near_points = _near_surface(fitted.gap, scan, used, of_usable)
+        if (near_points == used).all():
             break
-        used = near
+        used = near_points
         fitted = fit(points, scan, used, centre, radius)
     return fitted, used
 
@@ -101,9 +101,9 @@ def _near_surface(gap, scan, used, of_usable) -> np.ndarray:
     """(n,) True for points of usable scans within a multiple of the spread of the used ones; all of a scan of few."""
     count = scan.max() + 1
     spread = np.array([_spread(gap[used & (scan == k)]) for k in range(count)])
-    near = of_usable & (np.abs(gap) <= _FAR * spread[scan])
-    is_left = np.bincount(scan[near], minlength=count) >= _FEWEST
-    return near | (of_usable & ~is_left[scan])
+    near_points = of_usable & (np.abs(gap) <= _FAR_SIGMAS * spread[scan])
+    is_left = np.bincount(scan[near_points], minlength=count) >= _FEWEST
+    return near_points | (of_usable & ~is_left[scan])
 
 
 def _spread(gap: np.ndarray) -> float:
@@ -123,13 +123,13 @@ def _fit_profiles(points, scan, used, centre, radius) -> _Surface:
     section = np.full(count, np.nan)
     middle[:, present], section[present] = fit_circles(flat, label, used, names)
     out = flat - middle[:, scan]
-    far = np.hypot(*out)
+    distance = np.hypot(*out)
     # noise lies in the plane: a distance from the circle there, not one from the ball's surface in space
     steepness = (radius / section)[scan]
-    rows = np.stack([-out[0] / far, steepness, -out[1] / far])
+    rows = np.stack([-out[0] / distance, steepness, -out[1] / distance])
     y = np.sqrt(np.maximum(radius**2 - section**2, 0.0)) * np.where(centre[1] < 0, -1.0, 1.0)
     seen = np.stack([middle[0], y, middle[1]])
-    return _Surface(seen, section, _gram(rows, scan, used, count), far - section[scan])
+    return _Surface(seen, section, _gram(rows, scan, used, count), distance - section[scan])
 
 
 def _fit_clouds(points, scan, used, centre, radius, steps: int = 10) -> _Surface:
@@ -137,9 +137,9 @@ def _fit_clouds(points, scan, used, centre, radius, steps: int = 10) -> _Surface
     count = len(radius)
     for _ in range(steps):
         out = points - centre[:, scan]
-        far = np.sqrt((out**2).sum(0))
-        gap = far - radius[scan]
-        rows = out / far
+        distance = np.sqrt((out**2).sum(0))
+        gap = distance - radius[scan]
+        rows = out / distance
         gram = _gram(rows, scan, used, count)
         right = np.stack([_sums(row * gap, scan, used, count) for row in rows], axis=1)
         right = right / np.maximum(np.bincount(scan[used], minlength=count), 1)[:, None]
@@ -193,11 +193,11 @@ def _left_out(recording: Recording, scan, first, is_usable, used) -> tuple[str, 
             f"{len(lost)} of {len(first)} scans do not determine a ball and are left out: those that begin with "
             f"sample {shown}{', ...' if len(lost) > 5 else ''}. Measure more points there."
         )
-    far = is_usable[scan] & ~used
-    if far.any():
+    far_points = is_usable[scan] & ~used
+    if far_points.any():
         warnings.append(
-            f"{int(far.sum())} of {len(scan)} points are more than {_FAR:g} standard deviations off the ball in their "
-            "scan and are left out."
+            f"{int(far_points.sum())} of {len(scan)} points are more than {_FAR_SIGMAS:g} standard deviations off "
+            "the ball in their scan and are left out."
         )
     return tuple(warnings)
 

@@ -15,7 +15,7 @@ from workbench.fitting.priors.shrinkage import settled
 _ROUNDING = (1e-6, 1e-9)
 _MATERIAL = 0.1  # of a mean square: 5 % of the RMS, more than a simpler model is worth
 _STEPS = 50  # of a solve, at most
-_CARRIED, _FEW = (
+_CARRIED, _MAX_SHARE = (
     0.5,
     0.1,
 )  # share of the mean square that few samples carry, and share of all that they are at most
@@ -330,7 +330,7 @@ def carrying_samples(residual: np.ndarray) -> np.ndarray:
     order = np.argsort(-squares)
     shares = np.cumsum(squares[order]) / max(squares.sum(), 1e-300)
     count = int(np.searchsorted(shares, _CARRIED)) + 1
-    return order[:count] if count <= _FEW * np.isfinite(residual[0]).sum() else order[:0]
+    return order[:count] if count <= _MAX_SHARE * np.isfinite(residual[0]).sum() else order[:0]
 
 
 def repeat_summary(recording, residual: np.ndarray) -> dict[str, float]:

@@ -51,23 +51,26 @@ def roots_next_to(model: Model, parameters: Parameters, roots, weights) -> np.nd
     residual, rows = unweighted.linearise(parameters)
     factor = measurement.place_factor(measurement.measured[1])
     values, vectors = symmetric_eigen(factor @ factor.swapaxes(1, 2))
-    along = np.einsum("nij,in->nj", vectors, residual)
+    coordinates = np.einsum("nij,in->nj", vectors, residual)
     steps = parameters.typical[parameters.mask] / np.sqrt(
         (unweighted.sigma(parameters) ** 2).mean()
     )
     columns = np.einsum("nij,pin->njp", vectors, rows) * steps
-    ratio = _likeliest_ratio(_Residual(values, along, columns, weights))
+    ratio = _likeliest_ratio(_Residual(values, coordinates, columns, weights))
     scale = np.sqrt((1 + ratio * values).mean() / (1 + ratio * values))
     return (vectors * scale[:, None, :]) @ vectors.swapaxes(1, 2) @ roots
 
 
 @dataclass(frozen=True)
 class _Residual:
-    """`values`, `along` (n, 3): eigenvalues of M M' and the residual along its eigenvectors; `columns` (n, 3, P): its
-    derivative, each by a typical step in sigmas; `weights` (n,): a scan with the weight w counts as w scans."""
+    """A residual in the eigenvectors of M M'.
+
+    `values`, `coordinates` (n, 3): eigenvalues, and the residual along the eigenvectors; `columns` (n, 3, P): its
+    derivative, each by a typical step in sigmas; `weights` (n,): a scan with the weight w counts as w scans.
+    """
 
     values: np.ndarray
-    along: np.ndarray
+    coordinates: np.ndarray
     columns: np.ndarray
     weights: np.ndarray
 
@@ -77,7 +80,7 @@ def _likeliest_ratio(residual: _Residual) -> float:
     flat = residual.columns.reshape(-1, residual.columns.shape[-1])
     left, singular, _ = thin_svd(flat)
     basis = left[:, singular > OBSERVABLE_SIGMAS]
-    y = residual.along.ravel()
+    y = residual.coordinates.ravel()
     weights = np.repeat(residual.weights, residual.values.shape[1])
     degrees = max(weights.sum() - basis.shape[1], 1.0)
     cost = []

@@ -119,7 +119,7 @@ _DEGREES = np.array([1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 11, 16, 25, 50])
 """Of freedom of Student's noises, from Cauchy's to one that no sample tells from a Gaussian."""
 _SCALES = np.geomspace(0.75, 1.35, 13)
 """Spreads over what the median sample says, which of thirty samples is known to a third."""
-_SHARES, _MOST = 5, 0.1
+_SHARES, _MAX_SHARE = 5, 0.1
 """Shares of outliers that are tried, from half a sample to a tenth of all: more of them are a noise of their own."""
 _NEAREST, _FARTHEST = 5.0, 60.0
 """Sigmas: nearer ones do no harm, farther ones are as certain."""
@@ -133,7 +133,7 @@ def contaminated(white: np.ndarray) -> tuple[float, np.ndarray]:
     if x is None:
         return -np.inf, np.zeros(white.shape[1])
     chosen, counts = _thinned(x)
-    shares = np.geomspace(0.5 / x.shape[1], _MOST, _SHARES)
+    shares = np.geomspace(0.5 / x.shape[1], _MAX_SHARE, _SHARES)
     outlier_density = _log_outlier_density(x)
     noises = list(_noises(len(x)))
     without_outliers, with_outliers = [], []

@@ -261,13 +261,14 @@ def _occasional_gains(sites, residual, shape, share) -> np.ndarray:
     white = vectors / np.sqrt(values) @ vectors.T
     residual = white @ residual
     length = lengths(residual)
-    far = np.flatnonzero(length > FULL_WEIGHT)
-    excess = np.maximum(length[far] ** 2 - m, 0.0)
-    unit = _unit(residual[:, far])
+    far_samples = np.flatnonzero(length > FULL_WEIGHT)
+    excess = np.maximum(length[far_samples] ** 2 - m, 0.0)
+    unit = _unit(residual[:, far_samples])
     logs = [
-        _moved_likelihood(_relative_covariance(site, white)[far], unit, excess) for site in sites
+        _moved_likelihood(_relative_covariance(site, white)[far_samples], unit, excess)
+        for site in sites
     ]
-    return np.logaddexp(np.log(0.5), np.log(0.5) + np.array(logs)) @ share[far]
+    return np.logaddexp(np.log(0.5), np.log(0.5) + np.array(logs)) @ share[far_samples]
 
 
 def _moved_likelihood(covariance, unit, excess) -> np.ndarray:

@@ -188,8 +188,8 @@ def pose_error(data: SurfaceData, remaining: np.ndarray, noise: float) -> float:
         variance = noise**2 + spread**2
         return float((np.log(variance) + square / variance).sum())
 
-    most = 10 * np.sqrt(square.max()) + 2 * _LEAST_ERROR
-    bounds = np.log(_LEAST_ERROR), np.log(most)
+    largest = 10 * np.sqrt(square.max()) + 2 * _LEAST_ERROR
+    bounds = np.log(_LEAST_ERROR), np.log(largest)
     best = minimize_scalar(deviance, bounds=bounds, method="bounded")
     return float(np.exp(best.x))
 

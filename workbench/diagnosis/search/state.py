@@ -20,7 +20,7 @@ from workbench.diagnosis.search.prior import is_elastic, may_be_elastic
 
 ALL, LAWS, ELASTIC = "all", "laws", "elastic laws"
 """Parts of a table."""
-_PARTS = {ALL: lambda h: True, LAWS: lambda h: not h.smooth_covariates, ELASTIC: is_elastic}
+_SELECTIONS = {ALL: lambda h: True, LAWS: lambda h: not h.smooth_covariates, ELASTIC: is_elastic}
 
 
 @dataclass
@@ -199,7 +199,7 @@ class Search:
         known = next((self.tables[kept, p] for p in (part, ALL) if (kept, p) in self.tables), None)
         if known is None:
             known = self.tables[kept, part] = self._ranked(kept, part)
-        return [h for h in known if _PARTS[part](h)]
+        return [h for h in known if _SELECTIONS[part](h)]
 
     def _ranked(self, kept: tuple[int, ...], part: str) -> list[Hypothesis]:
         required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]

@@ -31,7 +31,7 @@ from workbench.diagnosis.validation.held_out import name_of
 from workbench.diagnosis.validation.left_out_blocks import fitted_residual
 from workbench.diagnosis.validation.terms import Control
 
-_LEVEL, _LEFT, _MOST = 0.01, 0.2, 0.75
+_LEVEL, _LEFT, _QUANTILE = 0.01, 0.2, 0.75
 """A control is passed up to this p-value, where less than this share of the gain is left in this share of shifts."""
 _TRIALS, _SHIFTS = round(2 / _LEVEL) - 1, 39
 """Permutations, which distinguish a p-value of this level from half of it, and circular shifts."""
@@ -95,7 +95,7 @@ def _of_time(trial: "_Trial", rng) -> tuple[Control, ...]:
             trial.best_gains(many_variants, chain.state, trial.permuted_residuals(residual, rng))
         )
     )
-    excess = max(float(np.quantile(gains, _MOST)) for gains in (of_clock, of_space)) - chance
+    excess = max(float(np.quantile(gains, _QUANTILE)) for gains in (of_clock, of_space)) - chance
     share = float(np.clip(excess / max(trial.own - chance, 1e-300), 0.0, 1.0))
     as_much = int(max((np.array(gains) >= trial.own).sum() for gains in (of_clock, of_space)))
     p = float((1 + as_much) / (1 + len(shifts)))

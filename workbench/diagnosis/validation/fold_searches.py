@@ -18,7 +18,7 @@ _process_state: dict = {}  # of a process that searches: the bench and the searc
 
 
 class FoldSearches:
-    """What `search(bench, part)` gives of parts (n,) bool of the samples, in up to `jobs` processes; a context.
+    """What `search(bench, part)` gives of subsets (n,) bool of the samples, in up to `jobs` processes; a context.
 
     With one job all is done in this process. A part is known by its samples: what was started for it early is what is
     asked for later.
@@ -45,12 +45,12 @@ class FoldSearches:
         """Whether processes search, or none will."""
         return self.jobs == 1 or self._bench is not None
 
-    def start(self, bench: Bench, parts: Iterable[np.ndarray]) -> None:
-        """Start searching parts of the samples, one after the other on every core that this process does not use."""
+    def start(self, bench: Bench, subsets: Iterable[np.ndarray]) -> None:
+        """Start searching subsets of the samples, one after the other on every core that this process does not use."""
         if self.has_begun:
             return
         self._open(bench)
-        self._waiting.extend(parts)
+        self._waiting.extend(subsets)
         for _ in range(self.jobs - 1):
             self._submit_next()
 
@@ -59,20 +59,20 @@ class FoldSearches:
         if self._bench is not None:
             self._submit_next()
 
-    def results(self, bench: Bench, parts: Iterable[np.ndarray]) -> Iterator[list]:
+    def results(self, bench: Bench, subsets: Iterable[np.ndarray]) -> Iterator[list]:
         """What the search gives of each part, in their order; this process does nothing else meanwhile."""
         self._waiting.clear()
         if self.jobs == 1:
-            yield from (self.search(bench, part) for part in parts)
+            yield from (self.search(bench, part) for part in subsets)
             return
         if self._bench is not bench:
             self._open(bench)
-        parts = list(parts)
-        asked = {part.tobytes() for part in parts}
+        subsets = list(subsets)
+        asked = {part.tobytes() for part in subsets}
         for name, future in self._futures.items():
             if name not in asked:
                 future.cancel()
-        for future in [self._submit(part) for part in parts]:
+        for future in [self._submit(part) for part in subsets]:
             yield future.result()
 
     def _open(self, bench: Bench) -> None:

@@ -71,9 +71,9 @@ def _information(problem: Problem, block: Block) -> np.ndarray:
     def make():
         size = problem.basis.shape[1]
         mixing = problem.hat_mixing[size:, size:]
-        across = block.gram[:size, size:] @ mixing
+        cross_terms = block.gram[:size, size:] @ mixing
         corner = mixing.T @ block.gram[size:, size:] @ mixing
-        return np.block([[block.gram[:size, :size], across], [across.T, corner]])
+        return np.block([[block.gram[:size, :size], cross_terms], [cross_terms.T, corner]])
 
     return cached(problem.information_of_blocks, block.rows.tobytes(), make)
 

@@ -297,9 +297,9 @@ def _search_nested(
     return found
 
 
-def samples_of_folds(parts: Sequence[Scheme]) -> list[np.ndarray]:
+def samples_of_folds(tested_schemes: Sequence[Scheme]) -> list[np.ndarray]:
     """(n,) bool: the samples of each fold of each scheme, all but one block."""
-    return [scheme.fold != k for scheme in parts for k in scheme.folds]
+    return [scheme.fold != k for scheme in tested_schemes for k in scheme.folds]
 
 
 def retained_in_fold(bench: Bench, samples: np.ndarray, find: Find) -> list[Finding]:

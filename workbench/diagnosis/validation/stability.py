@@ -137,7 +137,7 @@ class _Folds:
         folds = [fold for rows in self._solved.values() for fold in rows.values()]
         found = [fold.holds(term.finding, moved) for fold in folds]
         replaced = [_is_reselected(moved, fold.displacements) for fold in folds]
-        judged = replace(
+        judged_term = replace(
             term,
             finding=_limited_by_reselection(term.finding, sum(replaced), len(folds)),
             reselected_folds=sum(replaced),
@@ -146,7 +146,7 @@ class _Folds:
         )
         is_significant = nested > critical_t(self._sigma)
         if is_significant and any(replaced):
-            return judged
+            return judged_term
         reason = f"what the nested search finds in its place does not reduce the held-out error (t = {nested:.1f})"
         if is_significant:
             reason = (
@@ -158,7 +158,7 @@ class _Folds:
                 "it is not needed: no fold finds it or what is confounded with it, and other terms together make the "
                 "same there"
             )
-        return replace(judged, kept=False, reason=reason)
+        return replace(judged_term, kept=False, reason=reason)
 
     def _t(self, finding: Finding, indices: Sequence[int], moved: np.ndarray) -> list[float]:
         """t of the gain of a finding in each scheme that can judge it."""

@@ -70,9 +70,9 @@ class StatedNoise:
         if self.shares is None:
             return self.white
         values, vectors = symmetric_eigen(self.shares)
-        along = np.einsum("nmk,mn->nk", vectors, self.white)
+        coordinates = np.einsum("nmk,mn->nk", vectors, self.white)
         is_free = values > ROUNDING
-        scaled = np.where(is_free, along / np.sqrt(np.where(is_free, values, 1.0)), 0.0)
+        scaled = np.where(is_free, coordinates / np.sqrt(np.where(is_free, values, 1.0)), 0.0)
         return np.einsum("nmk,nk->mn", vectors, scaled)
 
     def from_residuals(self) -> NoiseRatio | None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from datasets.samples.columns import POINT
+from robot_model.effects.instrument import InstrumentRangeOffset
 from workbench.core.text.uncertain import with_std
 from workbench.fitting.plausibility.fitting import (
     FAILURES,
@@ -21,7 +22,7 @@ from workbench.fitting.plausibility.hypotheses.corrections import Correction, co
 from workbench.fitting.plausibility.linearised_fit import LinearisedFit
 from workbench.fitting.plausibility.sampling import even_rows
 
-CAUSE = "range-offset"
+CAUSE = InstrumentRangeOffset.effect
 _MEASURED_BY_RANGE = ("external-point", "external-pose")
 _ROWS, _STEPS, _ROUNDS = 240, 60, 3
 _SIGNIFICANT = 6.0  # standard deviations
@@ -48,12 +49,12 @@ class RangeOffset:
             f"are {known} mm too far along the sight line of an instrument at the origin of their frame",
             "check the reflector constant, the radius of the target, and whether an offset was counted twice in the "
             "instrument's software",
-            lambda columns: without_offset(columns, self.offset),
+            lambda columns: shortened_columns(columns, self.offset),
             POINT,
         )
 
 
-def without_offset(columns, offset: float) -> dict[str, np.ndarray]:
+def shortened_columns(columns, offset: float) -> dict[str, np.ndarray]:
     """Columns x_mm, y_mm, z_mm (n,) of points moved towards the origin by an offset, mm."""
     points = np.stack([columns[name] for name in POINT])
     moved = points - offset * points / np.linalg.norm(points, axis=0)
@@ -71,13 +72,13 @@ def range_offset(robot, recording) -> RangeOffset | None:
     offset = 0.0
     try:
         for _ in range(_ROUNDS):
-            corrected = _without(chosen, offset)
+            corrected = _shortened(chosen, offset)
             fit = fit_recording(robot, corrected, steps=_STEPS)
             change, std = _estimate(robot, corrected, fit)
             if abs(change) < _SETTLED * std:
                 break
             offset += change
-        fit = fit_recording(robot, _without(chosen, offset), steps=_STEPS)
+        fit = fit_recording(robot, _shortened(chosen, offset), steps=_STEPS)
     except (*FAILURES, TypeError):
         return None
     if abs(offset) < max(_SIGNIFICANT * std, _LARGE * fit.scale):
@@ -85,9 +86,9 @@ def range_offset(robot, recording) -> RangeOffset | None:
     return RangeOffset(offset, std, fit)
 
 
-def _without(recording, offset: float):
+def _shortened(recording, offset: float):
     return replace(
-        recording, columns={**recording.columns, **without_offset(recording.columns, offset)}
+        recording, columns={**recording.columns, **shortened_columns(recording.columns, offset)}
     )
 
 
@@ -100,7 +101,7 @@ def _is_seen_from_origin(recording) -> bool:
 def _estimate(robot, recording, fit: Fit) -> tuple[float, float]:
     """mm: the offset that is left next to base, tool and geometry with its prior, and its standard deviation."""
     linear = LinearisedFit.at(robot, recording, fit)
-    moved = row_residual(robot, _without(recording, 1.0), fit)
+    moved = row_residual(robot, _shortened(recording, 1.0), fit)
     derivative = (moved - row_residual(robot, recording, fit)) * linear.root
     change, information = linear.solved(derivative, np.ones((1, recording.n)))
     return float(change[0]), float(information[0, 0] ** -0.5)

@@ -153,8 +153,8 @@ def _decimal_degrees(values: np.ndarray, has_seconds: bool) -> np.ndarray:
     size = np.abs(values)
     minutes = 100 * (size % 1)
     if has_seconds:
-        whole = np.floor(minutes + _LAST_DIGIT)
-        minutes = whole + 100 * (minutes - whole) / 60
+        full_minutes = np.floor(minutes + _LAST_DIGIT)
+        minutes = full_minutes + 100 * (minutes - full_minutes) / 60
     return np.sign(values) * (np.floor(size) + minutes / 60)
 
 

@@ -144,7 +144,7 @@ def _coupled(robot, recording) -> list[Alternative]:
 
 
 def _of_range(robot, recording) -> list[Alternative]:
-    """The constant error of all ranges of the instrument; its size tells it from an unmodelled effect of the arm."""
+    """The constant error of all ranges of the instrument; far larger than any effect of the arm."""
     found = range_offset(robot, recording)
     if found is None:
         return []

@@ -65,24 +65,24 @@ def _side_by_side(files: Sequence[RawTable], points: Keys[str, Sequence[str]]) -
         f"{file}: points that keep their distances from one another are read as {len(files)} reflectors on one tool, "
         "in the same rows as the joint readings."
     )
-    warnings = (*(said for table in files for said in table.warnings), note)
+    warnings = (*(warning for table in files for warning in table.warnings), note)
     return replace(files[0], file=file, columns=columns, units=units, warnings=warnings)
 
 
 def _point_of(table: RawTable) -> tuple[str, ...]:
     """The columns of the only point of a table that holds nothing else but a number of the row; () of other tables."""
-    sets = find_sets(table)
+    point_sets = find_sets(table)
     numbers = [
         name
         for name, cells in table.columns.items()
         if cells.dtype.kind == "f" and np.isfinite(cells).all() and not counts_rows(cells)
     ]
-    if len(numbers) != 3 or len(sets) > 1:
+    if len(numbers) != 3 or len(point_sets) > 1:
         return ()
-    if sets and (sets[0].kind != "point" or set(sets[0].names) != set(numbers)):
+    if point_sets and (point_sets[0].kind != "point" or set(point_sets[0].names) != set(numbers)):
         return ()
-    if sets:
-        return tuple(sets[0].names)
+    if point_sets:
+        return tuple(point_sets[0].names)
     return tuple(numbers)
 
 

@@ -71,7 +71,7 @@ def with_touches(
     names = _readings_of(tables, mapping, robots[0].mixing.shape[1])
     if names is None:
         return None
-    table = _together(tables, names)
+    table = _stacked(tables, names)
     mapping = replace(mapping, joints=mapping.joints or Group(names), measures=KIND)
     mapping = replace(mapping, columns={**mapping.columns, POINT: POINT})
     touch = _best_touch(table, mapping.joints, robots)
@@ -118,7 +118,7 @@ def _may_be_measured(table: RawTable, name: str) -> bool:
     return read_header(name).kind not in _OF_NO_MEASUREMENT and not counts_rows(table.columns[name])
 
 
-def _together(tables: Sequence[RawTable], names: Sequence[str]) -> RawTable:
+def _stacked(tables: Sequence[RawTable], names: Sequence[str]) -> RawTable:
     """All rows below each other, with the number of the file as the number of the point."""
     columns = {name: np.concatenate([table.columns[name] for table in tables]) for name in names}
     numbers = np.repeat(np.arange(1.0, len(tables) + 1), [table.n for table in tables])
@@ -172,9 +172,9 @@ def _touch(robot, readings: np.ndarray, numbers: np.ndarray) -> _Touch:
 
 def _note(tables: Sequence[RawTable], touch: _Touch) -> str:
     files = ", ".join(table.file for table in tables)
-    each = "one fixed point for each file" if len(tables) > 1 else "one fixed point"
+    target = "one fixed point for each file" if len(tables) > 1 else "one fixed point"
     return (
-        f"{files}: only joint readings, which are read as touches of {each}: one tip on the flange stays within "
+        f"{files}: only joint readings, which are read as touches of {target}: one tip on the flange stays within "
         f"{touch.rms_mm:.2g} mm RMS of it at the nominal geometry, while the flange moves by {touch.scatter_mm:.3g} mm "
         f"RMS. Points that several files share need a column {POINT} with their number."
     )
