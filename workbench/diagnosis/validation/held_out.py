@@ -285,6 +285,7 @@ class Errors:
         self.bench, self._independent = bench, independent
         self._blocks: dict[tuple, np.ndarray] = {}
         self._rows: dict[bytes, np.ndarray] = {}
+        self._problems: dict[tuple, Problem] = {}
 
     def __call__(self, effects: Sequence[Effect], fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds (n,) int."""
@@ -364,11 +365,19 @@ class Errors:
     def _is_undetermined_without(self, effects, block: np.ndarray) -> bool:
         """Whether a direction of the fit is determined by the samples of a block (n,) bool alone."""
         part = tested_samples(self.bench)
-        problem = self.bench.problem(effects, part, hypotheses=False).conditional_on()
+        problem = self._tested_problem(effects, part)
         samples_of_block = block if part is None else block[part]
         rows = samples_of_block[problem.sample]
         largest_share = block_shares(problem, rows).max(initial=0.0)
         return largest_share > 1 - NEGLIGIBLE_SHARE
+
+    def _tested_problem(self, effects, part: np.ndarray | None) -> Problem:
+        """The problem with some effects on the tested samples (n,) bool; the last one is kept for its other blocks."""
+        key = tuple(sorted(map(name_of, effects)))
+        if key not in self._problems:
+            problem = self.bench.problem(effects, part, hypotheses=False)
+            self._problems = {key: problem.conditional_on()}
+        return self._problems[key]
 
 
 def is_ambiguous(
