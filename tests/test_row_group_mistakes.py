@@ -166,3 +166,24 @@ def test_another_tool_between_rows_that_agree_is_no_move_of_another_part(truth):
     one = found(truth, **moved)
     assert one.cause == "moved" and set(one.rows) == set(np.flatnonzero(middle))
     assert "another point on the flange" in one.sentence
+
+
+def test_a_lost_zero_is_named_though_one_row_fits_with_another_decimal_point(truth):
+    """Among many rows and cells one fits so by chance, as here 0.0335 for 3.35 + 3.2."""
+    joint = truth.columns["q4_deg"].copy()
+    joint[LATER] += 3.2
+    one = found(truth, q4_deg=joint)
+    assert one.cause == "moved"
+    assert "the zero of joint 4" in one.sentence
+    assert "decimal point" not in one.sentence
+
+
+def test_readings_of_the_last_joint_folded_into_half_a_turn(truth):
+    folded = (truth.columns["q6_deg"] + 90) % 180 - 90
+    one = found(truth, q6_deg=folded)
+    wrong = np.flatnonzero(np.abs(folded - truth.columns["q6_deg"]) > 1)
+    assert one.cause == "joint-offset"
+    assert "180 deg added to column q6_deg" in one.sentence
+    assert set(one.rows) <= set(wrong.tolist()) or set(one.rows) <= set(range(60)) - set(
+        wrong.tolist()
+    )

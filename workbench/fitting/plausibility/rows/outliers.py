@@ -20,6 +20,7 @@ from workbench.fitting.plausibility.rows.group_corrections import (
     held_measurements,
 )
 from workbench.fitting.plausibility.rows.row_groups import (
+    MIN_SHARE,
     Reason,
     another_frame,
     interchanged_columns,
@@ -151,7 +152,7 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         _of_group(readings_in_other_unit),
         _of_group(lost_signs),
         _of_group(interchanged_columns),
-        _lost_decimal_points,
+        _most_lost_points,
         _shifted,
         _interchanged,
         _of_group(corrected_columns),
@@ -161,6 +162,7 @@ def outlier_reason(robot, recording, fit, outliers: Outliers) -> Reason:
         _wrong_target,
         _of_group(another_frame),
         _of_group(copied_readings),
+        _lost_decimal_points,
     ):
         reason = explain(robot, recording, fit, outliers, tolerance)
         if reason is not None:
@@ -282,8 +284,13 @@ def _other_unit(robot, recording, fit, outliers, tolerance):
     return None
 
 
-def _lost_decimal_points(robot, recording, fit, outliers, tolerance):
-    """Outlying rows that fit if the decimal point of one cell is at another place."""
+def _most_lost_points(robot, recording, fit, outliers, tolerance):
+    """As `_lost_decimal_points`, where that explains most of the rows: one of many rows fits so by chance."""
+    return _lost_decimal_points(robot, recording, fit, outliers, tolerance, MIN_SHARE)
+
+
+def _lost_decimal_points(robot, recording, fit, outliers, tolerance, least_share=0.0):
+    """Outlying rows that fit if the decimal point of one cell is at another place; at least a share of the rows."""
     # a fit has the parameters of every target, so that one row of each is needed
     targets = [
         np.unique(recording.columns[c], return_index=True)[1]
@@ -300,7 +307,7 @@ def _lost_decimal_points(robot, recording, fit, outliers, tolerance):
         fits = is_outlying & (row_mismatch(robot, moved, fit) < tolerance) & (values != 0)
         for k in np.flatnonzero(fits):
             cells.setdefault(k, (name, values[k]))
-    if not cells:
+    if not cells or len(cells) < least_share * len(outliers.rows):
         return None
     sentences = [
         f"sample {wrong.sample_ids[k]} fits with {name} {value:.8g} in place of {wrong.columns[name][k]:.8g}"

@@ -19,6 +19,7 @@ _SHARES = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7])
 _LARGEST_SHARE = 0.8
 """Nearer to the neighbouring pose a row holds the readings of that pose."""
 _STEPS, _SWEEPS, _SMALL = 8, 4, 1e-4
+_HALF_TURN_DEG = 0.5
 _CONSTANT = 0.02
 """Median deviation of the corrections, relative to their size, below which they are one correction of all rows."""
 
@@ -56,7 +57,9 @@ def wrong_reading(robot, recording, fit: Fit, rows, limit: float) -> Reason | No
         if solved is None:
             continue
         fits = solved.mismatch < limit
-        if fits.mean() > MIN_SHARE and not _is_absorbed(robot, name, solved.values[fits]):
+        if not fits.mean() > MIN_SHARE:
+            continue
+        if _is_half_turn(solved.values[fits]) or not _is_absorbed(robot, name, solved.values[fits]):
             return _of_readings(recording, rows, name, solved, fits)
     return None
 
@@ -177,9 +180,21 @@ def _is_absorbed(robot, name: str, corrections: np.ndarray) -> bool:
     return number in (1, robot.mixing.shape[1]) and _is_constant(corrections)
 
 
+def _is_half_turn(corrections: np.ndarray) -> bool:
+    """Whether all corrections in degrees are half a turn, which another tool or station is by chance only."""
+    from_half = (corrections % 360.0) - 180.0
+    return bool(np.abs(from_half).max() < _HALF_TURN_DEG)
+
+
 def _of_readings(recording, rows, name: str, solved: _Solved, fits: np.ndarray) -> Reason:
     """One correction of all rows is a zero that has moved, which is no mistake of the table; others are."""
     added = solved.values[fits]
+    if _is_half_turn(added):
+        sentence = (
+            f"they fit with 180 deg added to column {name}: its readings are folded into half a turn, or tool or "
+            "target were mounted turned by half a turn in these rows"
+        )
+        return Reason(sentence, "joint-offset")
     if _is_constant(added):
         sentence = (
             f"they fit with {np.median(added):+.4g} deg added to column {name}: the zero of this joint is another one "
