@@ -49,6 +49,8 @@ def changed(truth, kind: str):
     elif kind == "set up again":
         turned = Rotation.from_euler("z", 25, degrees=True)
         points[FIRST:] = turned.apply(points[FIRST:]) + [100.0, 50.0, 0.0]
+    elif kind == "lost zero":
+        joints[FIRST:, 3] += 7.0
     return joints, points, angles
 
 
@@ -65,7 +67,10 @@ CASES = {
     "three parts": "degrees in rows 2 to 13, radians in rows 14 to 25 and degrees in rows 26 to 37",
     "convention": "intrinsic XYZ in degrees in rows 2 to 19 and intrinsic ZYX in degrees in rows 20 to 37",
     "few rows": "intrinsic XYZ in degrees in rows 2 to 32 and intrinsic ZYX in degrees in rows 33 to 37",
-    "set up again": "rows 2 to 19 and rows 20 to 37 fit the robot each by itself, but not together",
+    "set up again": "rows 2 to 19 and rows 20 to 37 fit the robot each by itself, but not together: the instrument or "
+    "the robot's base has moved between them",
+    "lost zero": "rows 2 to 19 and rows 20 to 37 fit the robot each by itself, but not together: the zero of joint 4 "
+    "(lost counts, a slipped belt) has moved between them",
 }
 
 

@@ -190,3 +190,19 @@ def test_joint_readings_next_to_a_pose_are_no_two_poses(tmp_path, header):
     assert "joint" in str(refused.value) and "flange poses" not in str(refused.value)
     made = _made([table], tmp_path / "named", robot="ur10").recording
     assert made.measures.startswith("external-")
+
+
+def test_a_wrong_size_of_the_target_is_named_instead_of_a_question(tmp_path):
+    """It makes both places of the camera fit about equally badly, which no answer to a question mends."""
+    flange, seen, _ = target_scene(2, count=20, sigma=(0.06, 0.0003))
+    seen[:, :3, 3] *= 0.9
+    paths = [
+        _write(tmp_path / f"{name}.csv", np.c_[poses[:, :3, 3], quaternions(poses)], header)
+        for name, poses, header in (
+            ("robot", flange, "x_mm,y_mm,z_mm,qx,qy,qz,qw"),
+            ("marker", seen, "x_mm,y_mm,z_mm,qx,qy,qz,qw"),
+        )
+    ]
+    with pytest.raises(InputError, match="the target looks 1.11") as refused:
+        _made(paths, tmp_path)
+    assert "camera on the flange" in str(refused.value)

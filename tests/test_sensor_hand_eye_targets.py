@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from sensors.hand_eye.checks.half_turn import half_turned_rows
 from sensors.hand_eye.checks.target_review import review_target_poses
+from sensors.hand_eye.motion import motion
 from sensors.hand_eye.target_poses import TargetPoses, hand_eye_from_target_poses
 from target_scenes import quaternions, target_scene
 from workbench.core.errors import InputError
@@ -112,3 +113,22 @@ def test_rows_of_a_board_rotated_by_180_deg_are_found():
     flange, seen, _ = target_scene(8)
     rows = half_turned_rows(TargetPoses(flange, _half_turned(seen), "in-hand", NAMES).data)
     assert np.flatnonzero(rows).tolist() == [2, 5, 9]
+
+
+def test_rows_of_a_marker_whose_corners_begin_at_another_one_are_found():
+    flange, seen, _ = target_scene(8)
+    quarter = transform(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
+    seen[[2, 5, 9]] = seen[[2, 5, 9]] @ quarter
+    data = TargetPoses(flange, seen, "in-hand", NAMES).data
+    assert half_turned_rows(data).tolist() == [90 * (k in (2, 5, 9)) for k in range(14)]
+    found = review_target_poses(flange, data, "in-hand", NAMES)
+    assert found.certain
+    assert "row 2 (90 deg), row 5 (90 deg), row 9 (90 deg)" in found.sentences[0]
+
+
+def test_rotations_that_disagree_are_not_called_no_rotations():
+    """Of errors of 39 deg it is not true that the flange never turned."""
+    flange, _, _ = target_scene(8)
+    (sentence,) = motion(flange, "in-hand", spin=np.radians(25)).sentences
+    assert "disagree by 25 deg RMS in rotation" in sentence
+    assert "never turned" not in sentence

@@ -14,6 +14,7 @@ from workbench.core.rigid import inverse, rotation_vector, transform
 _ERRORS = 6.0  # sigmas: errors alone, of hundreds of poses, make two of them differ by five
 _BETTER = 3.0  # how much smaller the misfit must be before another reading of the poses is believed
 _POOR = 1.0  # mm; an arm repeats to hundredths and is true to tenths
+_WRONG_ROTATION_RAD = np.radians(1.0)  # more than the errors of any arm and sensor
 _AT_REST = 0.1  # mm; below it a translation is what an arm makes when it stands still
 _TWISTS = np.eye(6)
 _MAX_POSES = 24  # poses up to which every exchange of two is tried
@@ -50,7 +51,10 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
         found := _short_of_translations(motions, min_translation, mount)
     ):
         return _motion(moved, *found)
-    if np.linalg.norm(vectors, axis=1).max() < min_rotation:
+    largest = np.linalg.norm(vectors, axis=1).max()
+    if largest < min_rotation and spin > _WRONG_ROTATION_RAD and largest > spin:
+        return _motion(moved, _TWISTS[:, :3], _covered_rotations(largest, spin, mount))
+    if largest < min_rotation:
         return _motion(
             moved,
             _TWISTS[:, :3],
@@ -75,6 +79,15 @@ def motion(flange: np.ndarray, kind: str, spin: float = 0.0, shift: float = 0.0)
             "along it is undetermined; add turns about another axis",
         )
     return Motion(np.zeros((6, 0)), np.zeros((6, 0)), ())
+
+
+def _covered_rotations(largest: float, spin: float, mount: str) -> str:
+    """Sentence on rotations (rad) of the flange that the errors of the measured rotations cover."""
+    return (
+        f"the flange turned by at most {np.degrees(largest):.3g} deg, and flange and target disagree by "
+        f"{np.degrees(spin):.2g} deg RMS in rotation: where the sensor sits in the {mount} frame is undetermined; check "
+        "the rotations of both sets row by row, or add poses with larger turns about two axes"
+    )
 
 
 def _short_of_translations(motions, min_translation, mount):

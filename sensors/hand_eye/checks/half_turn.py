@@ -1,7 +1,8 @@
-"""Rows in which a program read a symmetric board rotated by 180 deg: it counted the corners from the other end.
+"""Rows in which a program read a target rotated by half or a quarter of a revolution about its normal.
 
-A chessboard with an even sum of inner corners in rows and columns looks the same after half a revolution. The relative
-rotations show such rows, because flange and camera rotate by the same angle between two poses (Chen, CVPR 1991).
+A chessboard with an even sum of inner corners in rows and columns looks the same after half a revolution, and the
+corners of a square marker may begin at any of the four. The relative rotations show such rows, because flange and
+camera rotate by the same angle between two poses (Chen, CVPR 1991).
 """
 
 from collections.abc import Sequence
@@ -13,18 +14,28 @@ from sensors.hand_eye.checks.pose_data import PoseData
 from sensors.hand_eye.checks.pose_fit import possible_labels
 from workbench.core.rigid import rotation_vector
 
-_HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+_HALF_TURNS, _QUARTER_TURNS = (0, 180), (0, 90, 180, 270)
 _EXPLAINS = 0.3
 _AGREES_DEG = 2.0
 _NAMED = 8
 
 
 def half_turned_rows(data: PoseData) -> np.ndarray | None:
-    """(P,) True for the minority of poses whose target is rotated by 180 deg; None where that explains nothing.
+    """(P,) deg by which the target is rotated in the minority of poses, 0 in the others; None if that explains nothing.
 
-    data: with one labelling of the target.
+    Multiples of 90 are tried where 180 explains nothing. data: with one labelling of the target.
     """
-    with_rotated = replace(data, seen=np.concatenate([data.seen[:1], data.seen[:1] @ _HALF_TURN]))
+    for angles in (_HALF_TURNS, _QUARTER_TURNS):
+        rotated = _rotated_rows(data, angles)
+        if rotated is not None:
+            return rotated
+    return None
+
+
+def _rotated_rows(data: PoseData, angles: Sequence[int]) -> np.ndarray | None:
+    """The same for rotations by some angles in deg, the first of them 0."""
+    seen = np.concatenate([data.seen[:1] @ _about_normal(angle) for angle in angles])
+    with_rotated = replace(data, seen=seen)
     labels = min(possible_labels(with_rotated), key=lambda chosen: _gap_deg(with_rotated, chosen))
     before, after = (
         _gap_deg(with_rotated, np.zeros(data.count, int)),
@@ -32,18 +43,34 @@ def half_turned_rows(data: PoseData) -> np.ndarray | None:
     )
     if after > min(_EXPLAINS * before, _AGREES_DEG):
         return None
-    rotated = labels == 1
-    return ~rotated if rotated.sum() > data.count / 2 else rotated
+    # a label is the rotation that undoes the mistake, up to one rotation of all rows
+    usual = np.bincount(labels, minlength=len(angles)).argmax()
+    return (np.array(angles)[usual] - np.array(angles)[labels]) % 360
+
+
+def _about_normal(angle_deg: int) -> np.ndarray:
+    """(4, 4) rotation about the third axis by a multiple of 90 deg."""
+    rotation = np.eye(4)
+    cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[angle_deg // 90 % 4]
+    rotation[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    return rotation
 
 
 def half_turn_sentence(rows: np.ndarray, names: Sequence[str]) -> str:
-    """State which poses are rotated, and what to do; rows (P,) bool of the poses `names`."""
-    chosen = [name for name, is_rotated in zip(names, rows) if is_rotated]
+    """State which poses are rotated, and what to do; rows (P,) deg as of `half_turned_rows`, of the poses `names`."""
+    if set(rows) <= set(_HALF_TURNS):
+        chosen = [name for name, angle in zip(names, rows) if angle]
+        angle_words = "180 deg"
+        why = "the program counted the corners of a symmetric board from the other end"
+    else:
+        chosen = [f"{name} ({angle} deg)" for name, angle in zip(names, rows) if angle]
+        angle_words = "multiples of 90 deg"
+        why = "the program began the corners of a square target at another one"
     remainder = f" and {len(chosen) - _NAMED} more" if len(chosen) > _NAMED else ""
     return (
-        f"the target looks rotated by 180 deg about its normal in {', '.join(chosen[:_NAMED])}{remainder}: the program "
-        "counted the corners of a symmetric board from the other end, which also moves the origin of the target; "
-        "remove these rows, or measure with a board that has no such symmetry"
+        f"the target looks rotated by {angle_words} about its normal in {', '.join(chosen[:_NAMED])}{remainder}: {why}, "
+        "which also moves its origin if that is a corner; remove these rows, or measure with a target that has no such "
+        "symmetry"
     )
 
 

@@ -222,9 +222,7 @@ def mixed_fits(case: UnitCase, counts: Sequence[int], stated_only: bool):
         fitted = compare(case.robot, readings, case.build, is_good_only=True)
         fits = [item for item in fitted if item[1].is_good]
         if fits:
-            best = fits[0][1]
-            close = [fits[0], *(f for f in fits[1:] if not best.clearly_beats(f[1]))]
-            return readings, close
+            return readings, close_fits(fits)
     return [], []
 
 
@@ -435,6 +433,12 @@ def decided(readings, fits, where: str, ask: Ask | None, line, remedy: str = REM
     return Decision(readings[chosen][1], tuple(fit for _, fit in ordered))
 
 
+def close_fits(fits: Sequence[tuple[int, CandidateFit]]) -> list[tuple[int, CandidateFit]]:
+    """The first of the fits, and those that it does not clearly beat."""
+    best = fits[0][1]
+    return [fits[0], *(item for item in fits[1:] if not best.clearly_beats(item[1]))]
+
+
 def choose_reading(
     lines: Sequence[str],
     fits: Sequence[tuple[int, CandidateFit]],
@@ -452,8 +456,7 @@ def choose_reading(
             f"{where}: expected enough rows to test them on the robot, found none that can be fitted; "
             f"add {lines[0]} to a mapping file and name it with --map."
         )
-    best = fits[0][1]
-    alternatives = [item for item in fits[1:] if not best.clearly_beats(item[1])]
+    alternatives = close_fits(fits)[1:]
     if len(lines) == 1 or not alternatives:
         return fits[0][0]
     # the usual interpretations first: where the data decide nothing, the order of the fits is chance

@@ -13,8 +13,9 @@ from datasets.importers.units import ANGLES
 from datasets.recording import Recording
 from datasets.samples.columns import POINT, joint_columns
 from workbench.core.errors import InputError
-from workbench.fitting.plausibility.fitting import fit_recording, row_mismatch
+from workbench.fitting.plausibility.fitting import FAILURES, fit_recording, row_mismatch
 from workbench.fitting.plausibility.good_fit import good_scale
+from workbench.fitting.plausibility.rows.change_points import find_new_setup
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.recordings.importing.builder import Builder
 from workbench.recordings.importing.interpretation import decisions
@@ -212,7 +213,8 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
     keys = list(dict.fromkeys(key for words in used for key in words))
     differing = [key for key in keys if len({words.get(key) for words in used}) > 1]
     if not differing:
-        return _set_up_sentence(table.file, _row_ranges(table, segments))
+        moved = _moved_object(builder.robot, chosen[0].recording) if len(segments) == 2 else ""
+        return _set_up_sentence(table.file, _row_ranges(table, segments), moved)
     found = []
     for words, rows in zip(used, _row_ranges(table, segments)):
         found.append(f"{_described(words, differing)} in {rows}")
@@ -226,10 +228,24 @@ def _sentence(builder: Builder, segments: Sequence[Segment], readings: Sequence[
     )
 
 
-def _set_up_sentence(file: str, ranges: Sequence[str]) -> str:
+def _moved_object(robot, recording: Recording) -> str:
+    """What explains best that two parts fit separately only: base, target or the zero of a joint; "" if unknown."""
+    try:
+        change = find_new_setup(robot, recording, good_scale(robot, recording))
+    except FAILURES:
+        return ""
+    return "" if change is None else change.moved_object
+
+
+def _set_up_sentence(file: str, ranges: Sequence[str], moved: str) -> str:
+    """moved: the object that explains it best, "" if unknown."""
+    if moved:
+        cause = f"{moved} has moved between them"
+    else:
+        cause = "the instrument, the base or the target was set up again between them"
     return (
         f"{file}: expected measurements in one frame, found that {_listed(ranges)} fit the robot each by itself, but "
-        "not together: the instrument, the base or the target was set up again between them; import each as a "
+        f"not together: {cause}; import each as a "
         "recording of its own, calibrate one, and test it on the other with `workbench evaluate --refit "
         "base-and-tool`."
     )

@@ -16,7 +16,7 @@ from sensors.hand_eye.checks.target_review import review_target_poses
 from sensors.hand_eye.motion import motion
 from workbench.core.errors import InputError
 from workbench.recordings.importing.board_images.pose_readings import pose_columns
-from workbench.recordings.importing.interpretation.decisions import choose_reading
+from workbench.recordings.importing.interpretation.decisions import choose_reading, close_fits
 from workbench.recordings.importing.measured_robot import Made
 from workbench.recordings.importing.target_poses.motion_gaps import named_gaps
 from workbench.recordings.importing.target_poses.readings import (
@@ -58,6 +58,8 @@ def import_target_poses(found, options, progress) -> Made | None:
     readings, fits = compared_readings(rows, mapping)
     if not fits[0][1].is_good and not options.trust_data:
         _check_usual(rows, mapping)
+    elif not options.trust_data:
+        _refuse_explained(rows, [readings[place] for place, _ in close_fits(fits)])
     lines = [reading.line for reading in readings]
     with named_gaps(rows.file, fits, lambda place: readings[place].poses.flange):
         chosen = choose_reading(lines, fits, f"{rows.file}, poses", options.ask, _REMEDY)
@@ -87,6 +89,25 @@ def _check_usual(rows: RawTable, mapping) -> None:
         f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found "
         f"none under any reading. Read as {usual[0].title}: {_disagreement(usual[0])}; {_REMEDY}, or repeat with "
         "--trust-data."
+    )
+
+
+def _refuse_explained(rows: RawTable, close: list[TargetReading]) -> None:
+    """Raise InputError where one mistake explains why the data do not decide between the readings that fit best."""
+    if len(close) < 2:
+        return
+    reviewed = [(_review(reading), reading) for reading in close]
+    explained = [
+        (review.findings[0].corrected_mm, place)
+        for place, (review, _) in enumerate(reviewed)
+        if review.certain and np.isfinite(review.findings[0].corrected_mm)
+    ]
+    if not explained:
+        return
+    review, reading = reviewed[min(explained)[1]]
+    raise InputError(
+        f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found, "
+        f"read as {reading.title}, that {review.sentences[0]}; {_REMEDY}, or repeat with --trust-data."
     )
 
 
