@@ -85,8 +85,8 @@ def _covered_rotations(largest: float, spin: float, mount: str) -> str:
     """Sentence on rotations (rad) of the flange that the errors of the measured rotations cover."""
     return (
         f"the flange turned by at most {np.degrees(largest):.3g} deg, and flange and target disagree by "
-        f"{np.degrees(spin):.2g} deg RMS in rotation: where the sensor sits in the {mount} frame is undetermined; check "
-        "the rotations of both sets row by row, or add poses with larger turns about two axes"
+        f"{np.degrees(spin):.2g} deg RMS in rotation: where the sensor sits in the {mount} frame is undetermined; "
+        "check the rotations of both sets row by row, or add poses with larger turns about two axes"
     )
 
 

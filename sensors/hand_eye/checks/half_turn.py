@@ -68,9 +68,9 @@ def half_turn_sentence(rows: np.ndarray, names: Sequence[str]) -> str:
         why = "the program began the corners of a square target at another one"
     remainder = f" and {len(chosen) - _NAMED} more" if len(chosen) > _NAMED else ""
     return (
-        f"the target looks rotated by {angle_words} about its normal in {', '.join(chosen[:_NAMED])}{remainder}: {why}, "
-        "which also moves its origin if that is a corner; remove these rows, or measure with a target that has no such "
-        "symmetry"
+        f"the target looks rotated by {angle_words} about its normal in {', '.join(chosen[:_NAMED])}{remainder}: {why}"
+        ", which also moves its origin if that is a corner; remove these rows, or measure with a target that has no "
+        "such symmetry"
     )
 
 
