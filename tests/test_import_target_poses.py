@@ -193,7 +193,7 @@ def test_joint_readings_next_to_a_pose_are_no_two_poses(tmp_path, header):
 
 
 def test_a_wrong_size_of_the_target_is_named_instead_of_a_question(tmp_path):
-    """It makes both places of the camera fit about equally badly, which no answer to a question mends."""
+    """It makes both places of the camera fit about equally badly, which no answer to a question can repair."""
     flange, seen, _ = target_scene(2, count=20, sigma=(0.06, 0.0003))
     seen[:, :3, 3] *= 0.9
     paths = [
