@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 from noise_scenes import recorded
+from robot_model.effects import CATALOGUE
+from test_diagnosis_engine import recorded as with_effect
+from workbench.diagnosis.noise.random_effects import known_rounding
+from workbench.diagnosis.noise.rounded_readings import rounding_site
+from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.answer import diagnose
 
 _WITHOUT = ("accel", "approach", "qdot", "temperature", "payload", "range")
@@ -33,3 +38,28 @@ def test_all_joints_are_named_and_the_noise_contains_their_rounding(step_deg):
 def test_a_lattice_too_fine_to_matter_is_not_named():
     found = diagnose(rounded(1e-4))
     assert found.verdict == "consistent" and not found.terms
+
+
+@pytest.mark.parametrize("joint, step_deg", [(5, 0.2)])
+def test_one_rounded_joint_hides_no_effect_of_another(joint, step_deg):
+    """Rounding errors of one joint that exceed the noise tenfold are in the noise from the start of the search."""
+    wave = CATALOGUE["transmission-harmonic"]("joint-2", order=7.0)
+    made = with_effect(5, effects=(wave,), values=(2e-4, 1e-4), n=110)
+    name = f"q{joint}_deg"
+    rounded_column = np.round(made.columns[name] / step_deg) * step_deg
+    found = diagnose(replace(made, columns={**made.columns, name: rounded_column}))
+    assert found.verdict == "explained"
+    named = {(t.finding.effect, t.finding.where) for t in found.terms}
+    assert named == {("transmission-harmonic", "joint-2"), ("reading-lattice", f"joint-{joint}")}
+
+
+def test_round_numbers_that_the_arm_reached_are_no_rounding_errors():
+    """A plan in whole degrees: nothing was rounded after the arm had moved."""
+    bench = bench_of(with_effect(5, n=110))
+    problem = bench.problem(())
+    whole = {
+        f"q{k}": np.deg2rad(np.round(np.rad2deg(problem.covariates[f"q{k}"]))) for k in range(1, 7)
+    }
+    rounded_problem = replace(problem, covariates={**problem.covariates, **whole})
+    assert rounding_site(rounded_problem) is not None
+    assert known_rounding(rounded_problem, 0.005) is None

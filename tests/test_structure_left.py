@@ -10,7 +10,7 @@ from test_diagnosis_answer import GAP, made, term
 from workbench.diagnosis.linear.problem import Found
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.explanation.result import Proof, has_unexplained_structure, verdict_of
-from workbench.explanation.unexplained import contains_unexplained_structure, without_outliers
+from workbench.explanation.unexplained import contains_unexplained_structure, next_to_data_findings
 
 
 @pytest.mark.parametrize("p_value, left", [(0.0069, False), (0.001, True)])
@@ -55,7 +55,7 @@ def test_outliers_alone_leave_the_structure_of_all_other_samples(gap, tmp_path):
     retained = [term(0.99, effect="outliers")]
     refused = [replace(term(0.99), kept=False)]
     proved = SimpleNamespace(t=0.0)
-    left = without_outliers(bench, found, retained, refused, proved)
+    left = next_to_data_findings(bench, found, retained, refused, proved)
     assert (left.p_remainder < 1e-3) is gap
     assert contains_unexplained_structure(bench, left, retained, proved, False) is gap
-    assert without_outliers(bench, found, retained, [], proved) is found
+    assert next_to_data_findings(bench, found, retained, [], proved) is found

@@ -66,8 +66,8 @@ from workbench.explanation.unexplained import (
     contains_structure,
     contains_unexplained_structure,
     is_structure_located,
+    next_to_data_findings,
     unknown_terms,
-    without_outliers,
 )
 from workbench.files.provenance import provenance
 from workbench.fitting.verdicts.diagnosis_verdict import NOISE_LEVELS
@@ -172,7 +172,7 @@ def _diagnose_bench(
     terms = _with_noise(last, terms, refused)
     terms = (*terms, *image_terms(bench, terms, found.before))
     proved, terms = _with_stated_noise(last, proved, terms, refused)
-    last.found = without_outliers(bench, last.found, terms, refused, proved)
+    last.found = next_to_data_findings(bench, last.found, terms, refused, proved)
     verdict = _verdict(last, terms, refused, proved)
     if verdict == UNEXPLAINED:
         terms = (*terms, *_unknowns(last, terms, refused))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from robot_model.effects.friction import ReadingLattice
 from workbench.diagnosis.levels import (
     CRITICAL_T,
     NOTABLE_SHARE,
@@ -11,29 +12,33 @@ from workbench.diagnosis.levels import (
 from workbench.diagnosis.linear.hypotheses import family_wise, located, ranked_hypotheses
 from workbench.diagnosis.linear.problem import Alternative, Finding, Found
 from workbench.diagnosis.noise.random_effect_findings import unrecorded
+from workbench.diagnosis.noise.random_effects import known_rounding, whitened_by
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.explanation.result import Term, has_unexplained_structure
 from workbench.explanation.sentences import statements
 
-OUTLIERS = "outliers"
+OF_DATA = ("outliers", ReadingLattice.effect)
 _PLACED = 0.01  # family-wise p-value from which on a place is said to hold what is left
 _GAINED = 2.0  # t of the fall of the held-out error by a refused term from which on it counts as evidence of structure
 
 
-def without_outliers(bench, found: Found, terms, refused, proved) -> Found:
-    """Findings with the structure of the samples that are no outliers, where outliers are all that was retained.
+def next_to_data_findings(bench, found: Found, terms, refused, proved) -> Found:
+    """Findings with the structure next to outliers and rounded readings, where these are all that was retained.
 
-    Outliers take nothing off the errors of the other samples. Where all effects that the search found were refused,
-    their structure is left there, although the remainder of the search, which contains them, is noise. Unchanged where
-    no place holds this structure, see `is_structure_located`.
+    They take nothing off the errors of the other samples. Where all effects that the search found were refused, their
+    structure is left there, although the remainder of the search, which contains them, is noise. Unchanged where no
+    place holds this structure, see `is_structure_located`.
     """
-    retains_outliers_alone = bool(terms) and all(t.finding.effect == OUTLIERS for t in terms)
+    retains_these_alone = bool(terms) and all(t.finding.effect in OF_DATA for t in terms)
     is_significant = found.p_first < UNMODELLED_LEVEL
-    if bench.chain is None or not (retains_outliers_alone and is_significant and refused):
+    if bench.chain is None or not (retains_these_alone and is_significant and refused):
         return found
     tested = tested_samples(bench)
     samples = ~found.outliers if tested is None else tested & ~found.outliers
     problem = bench.problem((), samples).conditional_on()
+    rounding = known_rounding(problem, UNMODELLED_LEVEL)
+    if rounding is not None:
+        problem = whitened_by(problem, rounding)
     table = ranked_hypotheses(problem)
     p = family_wise(table)
     places = located(problem, table)
@@ -163,6 +168,6 @@ __all__ = [
     "contains_unexplained_structure",
     "is_remainder_located",
     "is_structure_located",
+    "next_to_data_findings",
     "unknown_terms",
-    "without_outliers",
 ]

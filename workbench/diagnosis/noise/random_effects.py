@@ -11,12 +11,12 @@ import numpy as np
 
 from workbench.core.distributions import norm, student
 from workbench.core.least_squares.linear_algebra import inverse_positive, symmetric_eigen
-from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, ROUNDING
+from workbench.diagnosis.levels import MAJORITY, NEGLIGIBLE_SHARE, NOTABLE_SHARE, ROUNDING
 from workbench.diagnosis.linear.candidates import Site
 from workbench.diagnosis.linear.problem import Problem
 from workbench.diagnosis.noise.outliers import FULL_WEIGHT, lengths
 from workbench.diagnosis.noise.rounded_readings import PLACE as ROUNDING_PLACE
-from workbench.diagnosis.noise.rounded_readings import rounding_site
+from workbench.diagnosis.noise.rounded_readings import rounding_site, rounding_variance
 
 _SPREADS, _TRIED = (0.05, 50.0), 40
 """Spreads that are tried, in units of the noise: from invisible to nothing else, in steps of a fifth."""
@@ -107,6 +107,37 @@ def find_random_effect(problem: Problem, level: float) -> RandomEffect | None:
         p_rounding,
         log - _of_noise(z),
     )
+
+
+def known_rounding(problem: Problem, level: float) -> RandomEffect | None:
+    """The rounding errors of readings on a lattice, of known size, where they make a notable part of the residual.
+
+    None where their likelihood ratio to noise alone is not above one over `level`. Known noise belongs to the model
+    from the start: against noise of all directions, laws that follow some rounding errors by chance are significant.
+    """
+    site = rounding_site(problem)
+    m = len(problem.residual) // problem.n
+    if site is None or len(problem.residual) != m * problem.n:
+        return None
+    residual = problem.orthogonalise(problem.residual)
+    if rounding_variance(problem).sum() < NOTABLE_SHARE * float(residual @ residual):
+        return None
+    root = problem.root_weights
+    z = (residual / root).reshape(m, problem.n)
+    spreads, variance, logs = _log_likelihoods(replace(site, rows=site.rows / root), z)
+    known = _known_spread(spreads, variance)
+    gain = float(logs[known]) - _of_noise(z)
+    p = float(np.exp(-max(gain, 0.0)))
+    if p > level:
+        return None
+    ratio, noise = float(spreads[known]), float(np.sqrt(variance[known]))
+    return RandomEffect(site, max(p, 1e-300), ratio * noise, ratio, np.nan, np.nan, 1.0, gain)
+
+
+def _known_spread(spreads: np.ndarray, variance: np.ndarray) -> int:
+    """Number of the spread (S,), over noise of a variance (S,), that is nearest to the known one of rounding: 1."""
+    log_sizes = np.log(spreads * np.sqrt(variance))
+    return int(np.argmin(np.abs(log_sizes)))
 
 
 def _most_probable_site(sites: list[Site], is_significant: np.ndarray, z: np.ndarray):
@@ -201,8 +232,7 @@ def _of_rounding(site, z) -> tuple[float, float, float]:
     A spread that is known costs no parameter, half of log N by Schwarz (1978).
     """
     spreads, level, logs = _log_likelihoods(site, z)
-    log_sizes = np.log(spreads * np.sqrt(level))
-    known = int(np.argmin(np.abs(log_sizes)))
+    known = _known_spread(spreads, level)
     if logs[known] < logs.max() - _CONTRADICTED:
         ratio = float(spreads[known])
         return -np.inf, ratio, float(np.sqrt(level[known]))

@@ -24,7 +24,12 @@ from workbench.diagnosis.noise.data_findings import (
     unweighted_squares,
 )
 from workbench.diagnosis.noise.random_effect_findings import place_of, random_effect_finding
-from workbench.diagnosis.noise.random_effects import RandomEffect, find_random_effect, is_rounding
+from workbench.diagnosis.noise.random_effects import (
+    RandomEffect,
+    find_random_effect,
+    is_rounding,
+    known_rounding,
+)
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
 from workbench.diagnosis.search.compatible import is_neighbour
 from workbench.diagnosis.search.findings import (
@@ -83,7 +88,11 @@ def _accept_terms(search: Search) -> tuple[float, bool]:
 
     Returns the p-value of a residual without structure, and whether a place has a random effect.
     """
+    if _accept_known_rounding(search):
+        search.solve()
     p_no_structure = _test_and_search(search, thorough=False)
+    if search.accepted and _accept_known_rounding(search):
+        p_no_structure = _repeat_search(search)
     search.noise_factors = relative_noise(search.problem.conditional_on())
     if search.noise_factors is not None:
         # noise that grows with a covariate is mistaken for a function of it
@@ -91,6 +100,8 @@ def _accept_terms(search: Search) -> tuple[float, bool]:
         p_no_structure = _repeat_search(search)
     elif search.accepted:
         accept_most_probable_set(search)
+    if search.random_effect is not None:
+        return p_no_structure, True
     has_random_effect = _prefer_random_effect(search)
     if not has_random_effect:
         search.random_effect = _significant_random_effect(search)
@@ -105,6 +116,22 @@ def _accept_terms(search: Search) -> tuple[float, bool]:
         )
         p_no_structure = _repeat_search(search)
     return p_no_structure, has_random_effect
+
+
+def _accept_known_rounding(search: Search) -> bool:
+    """Whether the rounding errors of the readings join the noise, next to the laws that are accepted.
+
+    A smooth function may follow some of these errors.
+    """
+    if search.random_effect is not None:
+        return False
+    laws = [i for i in search.accepted_indices if not search.accepted[i].smooth_covariates]
+    problem = search.problem.conditional_on(laws)
+    search.random_effect = known_rounding(problem, UNMODELLED_LEVEL)
+    if search.random_effect is None:
+        return False
+    search.log_step("the readings are rounded")
+    return True
 
 
 def _found(search: Search) -> Found:
