@@ -13,8 +13,9 @@ import numpy as np
 from robot_model.effects.steps import Shift, TargetShift
 from robot_model.effects.transmission import ZeroShift
 from workbench.core.effect import Effect
-from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY
+from workbench.diagnosis.levels import LEAST_LOG_ODDS, LISTED_PROBABILITY, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Alternative, Bench, Finding, Problem, likeness_text
+from workbench.diagnosis.noise.random_effects import known_rounding, whitened_by
 from workbench.diagnosis.noise.serial_correlation import log_evidence
 from workbench.diagnosis.validation.folds import tested_samples
 from workbench.diagnosis.validation.stability import effects_of
@@ -39,6 +40,9 @@ def _among_places(bench: Bench, finding: Finding, others: Sequence[Effect]) -> F
     """A step's finding, conditional on other effects: its place, probability and alternatives."""
     steps = _steps_at_its_instant(bench.chain, finding.effects[0], others)
     full_problem = bench.problem((*others, *steps), tested_samples(bench), hypotheses=False)
+    rounding = known_rounding(full_problem.conditional_on(), UNMODELLED_LEVEL)
+    if rounding is not None:
+        full_problem = whitened_by(full_problem, rounding)
     kept = list(range(len(others)))
     base = full_problem.conditional_on(kept)
     models = [full_problem.conditional_on([*kept, len(kept) + k]) for k in range(len(steps))]
