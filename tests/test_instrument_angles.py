@@ -11,8 +11,11 @@ from robot_model.effects.instrument import sight_directions
 from robot_model.effects.steps import Shift
 from robot_model.system import bind
 from scenes import model_of, scene
+from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.derived import reflector_rows
 from workbench.explanation.answer import diagnose
+from workbench.explanation.numbered_samples import with_numbered_label
+from workbench.explanation.result import Term
 from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.explanation.sentences.statements import instants_in_brackets, with_sample_numbers
 
@@ -97,3 +100,12 @@ def test_next_experiment_names_samples_in_brackets_only():
 @pytest.mark.parametrize("name", ["azimuth-harmonic", "elevation-harmonic"])
 def test_an_angle_harmonic_is_no_part_of_the_arm(name):
     assert CATALOGUE[name].of_session
+
+
+def test_labels_of_instants_name_samples_as_the_statements_do():
+    order, ids = np.arange(5.0), np.array([1, 2, 3, 5, 6])
+    other = Alternative("shift", "tool", "after row 0.5", 0.3, 1.0, "")
+    found = Finding("zero-shift", "joint-3", "after row 2.5", (), 1e-9, 1.0, 1.0, 1.0)
+    named = with_numbered_label(Term(replace(found, alternatives=(other,))), order, ids).finding
+    assert named.label == "between samples 3 and 5"
+    assert named.alternatives[0].label == "between samples 1 and 2"

@@ -1,5 +1,6 @@
 """Noise that is correlated from pose to pose is no structure, and a drift is no such noise."""
 
+import re
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
@@ -23,6 +24,7 @@ from workbench.explanation.answer import diagnose
 from workbench.explanation.final_model import FinalModel
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.sentences.statements import statement
+from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
 
 
 @dataclass(frozen=True)
@@ -144,10 +146,16 @@ def test_what_is_above_the_stated_noise_is_not_explained_by_its_correlation(stat
 
 
 def test_correlated_noise_of_unknown_size_asks_for_repeats():
-    answer = diagnose(replace(correlated(3, 0.7), sigma_mm=None))
+    """Nothing says that the correlated residual is noise; where a stated sigma agrees with it, it is."""
+    made = replace(correlated(3, 0.7), sigma_mm=None)
+    answer = diagnose(made)
     assert answer.correlation is not None
     assert answer.experiment.sentence.startswith("Measure some poses again at other times")
     assert any("nothing distinguishes slow noise from an effect" in one for one in answer.warnings)
+    assert answer.verdict == "unexplained"
+    sentence = check_diagnosis(answer, made).verdict.sentence
+    shared = float(re.search(r"share at least ([\d.]+) mm", sentence)[1])
+    assert shared == pytest.approx(np.sqrt(0.7 * 3) * SIGMA, rel=0.35)
 
 
 def test_unknown_noise_is_at_most_what_the_final_model_leaves():

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from datasets.samples.group_names import numbered_as
-from robot_model.effects.steps import TargetShift
 from robot_model.effects.unknown_masses import GravityCompliance
 from robot_model.measurements.ball_scan import KIND as BALL_SCAN
 from workbench.core.errors import InputError
@@ -36,6 +35,7 @@ from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.noise.heavy_tails import heavy_tails
 from workbench.explanation.noise.noise_terms import noise_terms
+from workbench.explanation.numbered_samples import with_sentences
 from workbench.explanation.planning.experiment import (
     CORRELATED,
     Experiment,
@@ -48,7 +48,6 @@ from workbench.explanation.result import (
     Diagnosis,
     Term,
     verdict_of,
-    with_statements,
 )
 from workbench.explanation.sensor_errors import (
     ball_centres,
@@ -59,7 +58,7 @@ from workbench.explanation.sensor_errors import (
     with_random_errors,
     without_jitter,
 )
-from workbench.explanation.sentences import statements, words
+from workbench.explanation.sentences import statements
 from workbench.explanation.sentences.plausible_values import implausible_values
 from workbench.explanation.turntable import with_turntable
 from workbench.explanation.unexplained import (
@@ -208,7 +207,7 @@ def _diagnose_bench(
         correlation=correlation,
         laser_line=laser_line(bench),
     )
-    return _with_sentences(diagnosis, last)
+    return with_sentences(diagnosis, last)
 
 
 def _unknowns(last: FinalModel, terms, refused) -> tuple[Term, ...]:
@@ -220,45 +219,27 @@ def _unknowns(last: FinalModel, terms, refused) -> tuple[Term, ...]:
 
 def _experiment(bench: Bench, last: FinalModel, terms, refused, correlation):
     """Plan the recording that separates what is still in doubt."""
-    if correlation is not None and not terms and last.is_noise_unknown:
+    is_named = any(term.finding.effects for term in terms)
+    if correlation is not None and not is_named and last.is_noise_unknown:
         return Experiment(CORRELATED)
     certain = [e for t in terms if t.is_certain for e in t.finding.effects]
     known = bench.problem(certain, tested_samples(bench))
     return next_experiment(bench, terms, known, last.found.p_first, refused)
 
 
-def _with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
-    """With the statement of each term, in which samples are counted as the recording counts them."""
-    point = words.TIPS.get(diagnosis.measures, "the measured point")
-    order = diagnosis.found.before.order
-    sentences = []
-    for term in (*diagnosis.terms, *diagnosis.refused):
-        text = statements.statement(term, point, diagnosis.unit)
-        samples = _own_samples(last.bench.chain, term)
-        sentences.append(statements.with_sample_numbers(text, order[samples], last.ids[samples]))
-    planned = statements.instants_in_brackets(diagnosis.experiment.sentence, order, last.ids)
-    experiment = replace(diagnosis.experiment, sentence=planned)
-    return with_statements(replace(diagnosis, experiment=experiment), sentences)
-
-
-def _own_samples(chain, term: Term) -> np.ndarray | slice:
-    """The samples between which a term may begin: (n,) bool of the target that moved, all where it is no target."""
-    moved = [e for e in term.finding.effects if isinstance(e, TargetShift)]
-    if moved:
-        return moved[0].is_observed(chain.state)
-    return slice(None)
-
-
 def _final_model(bench, found: Found, terms) -> tuple[FinalModel, SerialCorrelation | None]:
     """The final model, what is left judged under the correlation of its noise, and this correlation.
 
-    What is left above the noise that is stated or that replicates show is no noise, however it is correlated.
+    What is left above the noise that is stated or that replicates show is no noise, however it is correlated. Where
+    neither says how large the noise is, structure is not judged to be noise because it is correlated.
     """
     last = FinalModel(bench, found, bench.unit, terms)
     if _is_above_noise(last, terms):
         return last, None
     effects = [e for term in terms for e in term.finding.effects]
     fresh, correlation = with_correlated_noise(bench, found, effects, last.after)
+    if last.is_noise_unknown:
+        return last, correlation
     return FinalModel(bench, fresh, bench.unit, terms), correlation
 
 

@@ -73,7 +73,24 @@ def check_diagnosis(diagnosis, recording, tolerances: Sequence[Tolerance] = ()) 
         expected = replace(expected, expected=expected.value * grown)
     error = Residual(held_out[f"after_{unit}"], unit, "held-out RMS error", is_significant=is_above)
     verdict = judge(error, expected, tolerances, _advice(diagnosis, noise))
+    if expected is None and diagnosis.correlation is not None:
+        shared = _shared_by_neighbours(diagnosis.correlation.value, held_out, unit)
+        verdict = replace(verdict, sentence=f"{verdict.sentence} {shared}")
     return DiagnosisCheck(verdict, noise)
+
+
+def _shared_by_neighbours(correlation: float, held_out: Mapping, unit: str) -> str:
+    """What samples one after another share of a residual whose noise is unknown, and what would judge it.
+
+    The covariance of neighbours, correlation * sigma^2, is at most the variance of what they share.
+    """
+    total = held_out[f"noise_{unit}"]
+    shared = np.sqrt(correlation) * total
+    return (
+        f"Of the residual of {total:.3g} {unit} (RMS), samples measured one after another share at least "
+        f"{shared:.3g} {unit} (correlation {correlation:.2f}). Slow noise and an unmodelled effect are not "
+        "distinguishable in it: state sigma_mm, or measure some poses again at other times."
+    )
 
 
 def _expected(noise: NoiseReport | None, held_out: Mapping, unit: str) -> Noise | None:
