@@ -20,9 +20,9 @@ def with_sentences(diagnosis: Diagnosis, last: FinalModel) -> Diagnosis:
         for term in getattr(diagnosis, name):
             text = statements.statement(term, point, diagnosis.unit)
             samples = _own_samples(last.bench.chain, term)
-            own = order[samples], last.ids[samples]
-            sentences.append(statements.with_sample_numbers(text, *own))
-            terms.append(with_numbered_label(term, *own))
+            numbers = order[samples], last.ids[samples]
+            sentences.append(statements.with_sample_numbers(text, *numbers))
+            terms.append(with_numbered_label(term, *numbers))
     planned = statements.instants_in_brackets(diagnosis.experiment.sentence, order, last.ids)
     experiment = replace(diagnosis.experiment, sentence=planned)
     fresh = replace(
