@@ -12,7 +12,7 @@ from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.evidence import design_effect
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
-from workbench.diagnosis.search.state import _PARTS, ELASTIC, LAWS, Search
+from workbench.diagnosis.search.state import _SELECTIONS, ELASTIC, LAWS, Search
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_part_of_a_table_is_what_the_whole_table_says_of_it(search, kept, part):
     search.tables.clear()
     found = ranked(search.table(kept, part))
     whole = search.table(kept)
-    expected = ranked(h for h in whole if _PARTS[part](h))
+    expected = ranked(h for h in whole if _SELECTIONS[part](h))
     assert len(whole) > len(expected) > 5
     assert found.keys() == expected.keys()
     for name, numbers in expected.items():
