@@ -131,7 +131,8 @@ def _masses(found: Finding) -> str:
         return ""
     return (
         "The stated masses do not explain this deflection: masses or centres of mass in the robot file are wrong, or "
-        "the tool carries a load that is not recorded."
+        "the tool carries a load that is not recorded. To distinguish them, weigh the tool with its load, or measure "
+        "some of the poses again with a known additional load."
     )
 
 
