@@ -29,6 +29,7 @@ from workbench.recordings.importing.interpretation.label_columns import (
     label_sentence,
 )
 from workbench.recordings.importing.interpretation.rotation_decision import decide_rotation
+from workbench.recordings.importing.interpretation.rotation_mistakes import refuse_rotation_mistake
 from workbench.recordings.importing.interpretation.unnamed_columns import (
     find_unnamed,
     refuse_wrong_slides,
@@ -285,8 +286,13 @@ def _decide(builder: Builder, mapping: Mapping, options, progress) -> decisions.
         turned = decide_rotation(
             robot, decision.mapping, table, builder.complete, options.ask, is_good
         )
-    except InputError:
+    except InputError as problem:
         refuse_changed_rotation(builder, decision.mapping, None)
+        if isinstance(problem, decisions.NoReadingFits):
+            with _cut_short(progress, "looking for the cause of the misfit"):
+                refuse_rotation_mistake(
+                    robot, decision.mapping, table, builder.complete, options.name
+                )
         raise
     refuse_changed_rotation(builder, decision.mapping, turned)
     return replace(turned, assumed=decision.assumed)

@@ -64,6 +64,11 @@ ROTATION_REMEDY = (
     '"external-point" to a mapping file for --map, which imports the positions alone'
 )
 
+
+class NoReadingFits(InputError):
+    """No interpretation of the columns fits the robot."""
+
+
 Build = Callable[[Mapping], Recording]
 """The recording of a mapping whose units and conventions are complete."""
 
@@ -464,7 +469,7 @@ def choose_reading(
     words = "; ".join(fit.words for _, fit in close)
     ellipsis = "; ..." if len(alternatives) + 1 > len(close) else ""
     if not any(fit.is_good for _, fit in fits):
-        raise InputError(
+        raise NoReadingFits(
             f"{where}: expected an interpretation that fits, found that no interpretation fits ({words}{ellipsis}); "
             f"{remedy}."
         )
