@@ -115,8 +115,10 @@ def _screened(
     Angles between rows are the same under conventions that name the axes in a cycle, and whatever the positions.
     """
     rows = even_rows(recordings[0], _SCREEN_ROWS)
-    parts = [recording.select(rows) for recording in recordings]
-    scales = nominal_scales([correction.apply(robot, parts[place]) for correction, place in pairs])
+    selections = [recording.select(rows) for recording in recordings]
+    scales = nominal_scales(
+        [correction.apply(robot, selections[place]) for correction, place in pairs]
+    )
     return [pairs[k] for k in np.argsort(scales, kind="stable")[:_FITTED]]
 
 
