@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from datasets.importers.mapping.label_parts import with_recurring_part
 from import_scenes import SCENE, UR10, degrees, simulated, write_rows
 from workbench.core.errors import InputError
 from workbench.recordings.importing import import_recording
@@ -100,3 +101,39 @@ def test_rows_that_keep_no_distances_are_refused(truth, tmp_path):
     points = write_rows(tmp_path / "tracker.csv", ["X", "Y", "Z"], seen)
     with pytest.raises(InputError, match="found 36 and 108 rows"):
         import_recording([joints, points], tmp_path / "out", UR10)
+
+
+def test_a_part_of_the_names_of_the_points_distinguishes_the_reflectors(truth, tmp_path):
+    labels, points = one_of_three(truth)
+    names = [f"M_{row:03d} SMR{int(k)}" for row, k in enumerate(labels, 1)]
+    rows = [[*q, name, *p] for q, name, p in zip(degrees(truth), names, points)]
+    path = write_rows(tmp_path / "t.csv", [*JOINTS, "Label", "X", "Y", "Z"], rows)
+    made = import_recording([path], tmp_path / "out", UR10)
+    assert made.fits[0].rms_mm < 0.1
+    assert made.recording.columns["reflector"].tolist() == labels.tolist()
+    assert f"(of '{names[0]}' the part '{int(labels[0])}')" in made.warnings[0]
+
+
+@pytest.mark.parametrize(
+    "names, parts",
+    [
+        ([f"P{row}_{row % 2}" for row in range(12)], [row % 2 for row in range(12)]),
+        ([f"{'AB'[row % 2]}.{row}" for row in range(12)], [*"AB" * 6]),
+        ([f"P{row // 3}_{row % 3}" for row in range(18)], [row % 3 for row in range(18)]),
+    ],
+)
+def test_the_recurring_part_with_the_fewest_values(names, parts):
+    assert with_recurring_part(np.array(names)).tolist() == parts
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"SMR_{row}" for row in range(12)],
+        [f"P{row}" if row else "Home" for row in range(12)],
+        [f"P{row // 3}_{row % 3}" for row in range(9)],
+        [f"SMR{row % 2}" for row in range(12)],
+    ],
+)
+def test_names_without_one_recurring_part_stay(names):
+    assert with_recurring_part(np.array(names)).tolist() == names

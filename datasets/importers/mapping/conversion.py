@@ -11,6 +11,7 @@ from datasets.importers.mapping.columns.headers import read_header
 from datasets.importers.mapping.columns.spherical import is_spherical, points_of
 from datasets.importers.mapping.joined_tables.joining import seconds_of
 from datasets.importers.mapping.joined_tables.time_stamps import clock_origin, times_of_column
+from datasets.importers.mapping.label_parts import with_recurring_part
 from datasets.importers.mapping.model import Group, Mapping
 from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.source import RawTable
@@ -133,6 +134,8 @@ def other_columns(table: RawTable, mapping: Mapping) -> dict[str, np.ndarray]:
         is_stamp = target == "time_s" and table.columns[name].dtype.kind != "f"
         convert = _seconds_of_stamps if is_stamp else _in_units_of_recording
         columns[target] = convert(table, name, target)
+    if "reflector" in columns:
+        columns["reflector"] = with_recurring_part(columns["reflector"])
     seconds = seconds_of(table)
     if seconds is not None and "time_s" not in columns and np.isfinite(seconds).all():
         columns["time_s"] = seconds - seconds.min()

@@ -1,4 +1,4 @@
-"""Columns that may say which reflector each row measured: whole numbers or names, each in several rows.
+"""Columns that may say which reflector each row measured: whole numbers, names or parts of names, in several rows.
 
 A tool has one point for each reflector, so that a single point leaves a misfit as large as the reflectors are apart.
 A column counts only where the points fit the robot with it and do not without it.
@@ -12,14 +12,11 @@ import numpy as np
 from datasets.importers.mapping.columns.reflectors import REFLECTOR
 from datasets.importers.mapping.columns.sets import headers_of
 from datasets.importers.mapping.joined_tables.sessions import SESSION
+from datasets.importers.mapping.label_parts import are_labels, with_recurring_part
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.source import RawTable
 from workbench.recordings.importing.interpretation.fits import CandidateFit
-
-_MOST_LABELS = 12
-_ROWS_OF_LABEL = 3
-"""Rows for each label, on average: three coordinates of its point are estimated from them."""
 
 
 @dataclass(frozen=True)
@@ -80,12 +77,19 @@ def best_labels(
 
 def label_sentence(table: RawTable, found: Labelled) -> str:
     """What the import assumes of the column, and what else its values may number."""
-    count = len(set(table.columns[found.column].tolist()))
+    cells = table.columns[found.column]
+    labels = with_recurring_part(cells)
+    count = len(set(labels.tolist()))
+    part = "" if labels is cells else f" (of '{cells[0]}' the part '{_word(labels[0])}')"
     return (
-        f"The column '{found.column}' is read as the reflector of each row: with {count} points on the tool the rows "
-        f"fit the robot ({found.fit.words}), with one point they do not. If its values number something else, such as "
-        "set-ups between which target or instrument was moved, import each set-up by itself."
+        f"The column '{found.column}'{part} is read as the reflector of each row: with {count} points on the tool the "
+        f"rows fit the robot ({found.fit.words}), with one point they do not. If its values number something else, "
+        "such as set-ups between which target or instrument was moved, import each set-up by itself."
     )
+
+
+def _word(label: float | str) -> str:
+    return label if isinstance(label, str) else f"{label:g}"
 
 
 def _division(cells: np.ndarray) -> tuple[int, ...] | None:
@@ -94,13 +98,8 @@ def _division(cells: np.ndarray) -> tuple[int, ...] | None:
         np.isfinite(cells).all() and (cells == cells.round()).all()
     ):
         return None
-    values: Sequence = cells.tolist()
+    values: Sequence = with_recurring_part(cells).tolist()
+    if not are_labels(values):
+        return None
     first = list(dict.fromkeys(values))
-    if len(first) <= _MOST_LABELS:
-        counts = [values.count(value) for value in first]
-    else:
-        counts = [0]
-    is_label = len(first) > 1 and min(counts) > 1 and len(values) >= _ROWS_OF_LABEL * len(first)
-    if is_label:
-        return tuple(first.index(value) for value in values)
-    return None
+    return tuple(first.index(value) for value in values)
