@@ -26,10 +26,10 @@ def with_recurring_part(cells: np.ndarray) -> np.ndarray:
     """
     if cells.dtype.kind == "f" or len(set(cells.tolist())) < len(cells):
         return cells
-    parts = [_PART.findall(str(cell)) for cell in cells]
-    if len({len(row) for row in parts}) != 1:
+    rows = [_PART.findall(str(cell)) for cell in cells]
+    if len({len(row) for row in rows}) != 1:
         return cells
-    recurring = [column for column in zip(*parts) if are_labels(column)]
+    recurring = [column for column in zip(*rows) if are_labels(column)]
     recurring.sort(key=lambda column: len(set(column)))
     if not recurring or _are_two_divisions(recurring[:2]):
         return cells
