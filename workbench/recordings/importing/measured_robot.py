@@ -30,6 +30,7 @@ from workbench.recordings.importing.interpretation.label_columns import (
 )
 from workbench.recordings.importing.interpretation.rotation_decision import decide_rotation
 from workbench.recordings.importing.interpretation.rotation_mistakes import refuse_rotation_mistake
+from workbench.recordings.importing.interpretation.text_cells import text_sentence
 from workbench.recordings.importing.interpretation.unnamed_columns import (
     find_unnamed,
     refuse_wrong_slides,
@@ -434,11 +435,11 @@ def _missing(table: RawTable, mapping: Mapping) -> list[str]:
     """Sentences on joint readings and measurement as far as neither headers nor mapping name them."""
     missing = []
     if mapping.joints is None:
-        missing.append(_without_joints(table, mapping))
+        missing.append(text_sentence(table) or _without_joints(table, mapping))
     measures = mapping.measures
     if measures is None or measures not in KINDS or KINDS[measures].images:
-        missing.append(_without_measurement(table, mapping))
-    return missing
+        missing.append(text_sentence(table) or _without_measurement(table, mapping))
+    return list(dict.fromkeys(missing))
 
 
 def _without_joints(table: RawTable, mapping: Mapping) -> str:

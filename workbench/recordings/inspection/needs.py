@@ -161,7 +161,8 @@ def _pose_needs(recording: Recording, coverage: Coverage) -> Iterator[Need]:
     if poses < min_poses:
         unknown = _unknowns(coverage)
         statement = f"{poses} poses give fewer equations than the about {unknown} unknowns of robot, base and tool"
-        yield Need("calibrate", True, statement, f"measure {min_poses} poses or more")
+        action = f"measure {2 * min_poses} poses or more, at the least {min_poses}"
+        yield Need("calibrate", True, statement, action)
     elif poses < 2 * min_poses:
         statement = f"{poses} poses leave little for held-out tests"
         yield Need("calibrate", False, statement, f"measure {2 * min_poses} poses or more")
