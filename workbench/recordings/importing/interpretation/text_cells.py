@@ -7,8 +7,8 @@ import numpy as np
 from datasets.formats.table import is_number
 from datasets.importers.source import RawTable
 
-_MOST = 0.5
-"""Share of the filled cells that are numbers in a column of numbers."""
+_MAX_SHARE = 0.5
+"""Share of the filled cells of a column of numbers that may be text."""
 _DATE = re.compile(
     r"\d{1,4}[-./ ]?[^\W\d_]{3,}|[^\W\d_]{3,}[-./ ]?\d{1,4}|\d{1,2}[./-]\d{1,2}[./-]\d{2,4}"
 )
@@ -22,7 +22,7 @@ def text_sentence(table: RawTable) -> str:
             continue
         is_text = np.array([bool(cell) and not is_number(cell) for cell in cells])
         count_filled = np.count_nonzero(cells != "")
-        if is_text.any() and is_text.sum() < _MOST * count_filled:
+        if is_text.any() and is_text.sum() < _MAX_SHARE * count_filled:
             found[name] = np.flatnonzero(is_text)
     if not found:
         return ""
