@@ -11,7 +11,7 @@ from pathlib import Path
 from datasets.errors import InputError, complaint
 from datasets.importers.mapping.columns.sets import find_sets
 from datasets.importers.source import ImageFile, RawTable, Source
-from datasets.importers.sources import arrays, clouds, ros_bags, storage
+from datasets.importers.sources import arrays, clouds, geodetic_words, ros_bags, storage
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
 from datasets.importers.sources.programs import joint_lists, robot_programs, yaskawa_jobs
 from datasets.importers.sources.tables import axis_reports, excel, text_tables
@@ -41,6 +41,7 @@ _OFTEN_TEXT = {".xls"}
 _IN_FOLDERS = (
     *(*IMAGES, *(_TEXT - {""}), *_PROGRAMS, *_EXCEL, *(_ARRAYS - {".npy"}), ".gz"),
     *(*storage.EXTENSIONS, *joint_lists.EXTENSIONS, *yaskawa_jobs.EXTENSIONS, *clouds.EXTENSIONS),
+    *geodetic_words.EXTENSIONS,
 )
 """Extensions of the files that are read in a folder."""
 _OUTPUT_FILES = {"recording.toml", "import.toml"}
@@ -98,6 +99,8 @@ def _read_file(path: Path, scratch: Path) -> Source:
         return Source(clouds=(path,))
     if suffix in yaskawa_jobs.EXTENSIONS:
         return Source(tables=tuple(yaskawa_jobs.read_job(path)))
+    if suffix in _TEXT | geodetic_words.EXTENSIONS and geodetic_words.is_gsi(path):
+        return Source(tables=tuple(geodetic_words.read_gsi(path)))
     if suffix in _PROGRAMS | _TEXT | joint_lists.EXTENSIONS:
         if robot_programs.is_robot_program(path):
             return Source(tables=tuple(robot_programs.read_robot_program(path)))
