@@ -1,11 +1,14 @@
 """A step has the place with the highest evidence, and lists every other place that explains it about as well."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import SIGMA, recorded
 from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.noise.serial_correlation import log_evidence
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.validation.step_places import with_step_places
 from workbench.diagnosis.validation.terms import Term
@@ -63,3 +66,29 @@ def test_parts_with_a_joint_between_them_that_hardly_moves_are_listed():
     assert {("shift", "base"), ("shift", "link-1")} <= names
     total = found.probability + sum(a.probability for a in found.alternatives)
     assert found.probability < 0.9 < total <= 1 + 1e-9
+
+
+def test_a_tool_that_turned_is_no_reflector_that_moved():
+    """Means of poses show only the mean move of three reflectors; their differences show that all of them moved."""
+    poses, n = np.repeat(np.arange(40), 3), 120
+    reflector, is_after = np.tile(np.arange(3), 40), np.repeat(np.arange(40) >= 20, 3)
+    known = np.stack([reflector == k for k in range(3)], 1).astype(float)
+    known /= np.linalg.norm(known, axis=0)
+    turn = np.stack([is_after * 1.0, is_after * np.array([1.0, -1.0, 0.0])[reflector]], 1)
+    moved = (is_after & (reflector == 0))[:, None] * 1.0
+    residual = turn @ [1.0, 6.0] + np.random.default_rng(2).normal(0, 1, n)
+
+    def problem(columns):
+        basis = np.linalg.qr(np.hstack([known, columns]))[0]
+        return SimpleNamespace(
+            n=n,
+            pose=poses,
+            order=np.arange(n),
+            residual=residual,
+            full_basis=basis,
+            orthogonalise=lambda x: x - basis @ (basis.T @ x),
+        )
+
+    base = problem(np.zeros((n, 0)))
+    gain = log_evidence(base, problem(turn)) - log_evidence(base, problem(moved))
+    assert gain > 20

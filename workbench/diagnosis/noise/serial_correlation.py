@@ -19,6 +19,7 @@ _MOST_POSES = 600  # of more, as many one after another
 _LARGEST = (
     0.9  # beyond which correlated noise is a random walk and not distinguishable from a drift
 )
+_REWEIGHTED = 4  # estimates of the variances of means and of deviations from them
 _GRID = (*np.linspace(0.0, _LARGEST, 10), 0.95, 0.98, 0.99)
 """Correlations that are compared with a term: up to that of a random walk, which is no step either."""
 
@@ -84,17 +85,58 @@ def log_evidence(base: Problem, model: Problem) -> float:
     """Log evidence of a model under noise with a correlation of its own, but for a constant of all models.
 
     Maximum likelihood of a first-order autoregression, a random walk at most, and the Bayesian information criterion
-    (Schwarz, Ann. Stat. 6 (1978) 461). base: the problem of the same samples whose residual all models explain; nan
-    where its coordinates are not the same of all samples.
+    (Schwarz, Ann. Stat. 6 (1978) 461). Differences between the samples of one pose have a variance of their own: only
+    they show which of several reflectors moved (of up to 600 samples). base: the problem of the same samples whose
+    residual all models explain; nan where its coordinates are not the same of all samples.
     """
     residual = base.orthogonalise(base.residual)
     if len(residual) % base.n:
         return float("nan")
     y = _by_pose(base, residual[:, None])[:_MOST_POSES]
     basis = _by_pose(model, model.full_basis)[:_MOST_POSES]
+    if len(np.unique(base.pose)) < base.n <= _MOST_POSES:
+        return _log_evidence_with_repeats(base, model, y, basis)
     fit = _Restricted.of(y, basis, degree=None)
     highest = max(fit.profile_log(value) for value in _GRID)
     return highest + 0.5 * fit.degrees * np.log(y.size)
+
+
+def _log_evidence_with_repeats(base: Problem, model: Problem, y, basis) -> float:
+    """`log_evidence` of means of poses, y (poses, coordinates), and of what samples deviate from these."""
+    deviation = _from_pose_means(base, base.orthogonalise(base.residual)[:, None])[:, 0]
+    deviation_basis = _from_pose_means(base, model.full_basis)
+    counts = y.size, len(deviation) - y.size
+    highest = -np.inf
+    for value in _GRID:
+        means, columns = (_Restricted.innovations(rows, value) for rows in (y, basis))
+        flat = columns.reshape(y.size, -1)
+        squares = _weighted_squares(means.ravel(), flat, deviation, deviation_basis, counts)
+        log = -0.5 * sum(n * np.log(max(q, 1e-300)) for n, q in zip(counts, squares))
+        highest = max(highest, log + 0.5 * y.shape[1] * np.log(1 - value**2))
+    return highest - 0.5 * basis.shape[2] * np.log(len(deviation))
+
+
+def _weighted_squares(y, columns, deviation, deviation_columns, counts) -> np.ndarray:
+    """Sums of squares (2,) that the same coefficients leave of y and of deviations, each weighted by its variance."""
+    squares = np.ones(2)
+    for _ in range(_REWEIGHTED):
+        root = np.sqrt(np.array(counts) / np.maximum(squares, 1e-300))
+        rows = np.vstack([root[0] * columns, root[1] * deviation_columns])
+        right = np.concatenate([root[0] * y, root[1] * deviation])
+        coefficients = np.linalg.lstsq(rows, right, rcond=None)[0]
+        remaining = y - columns @ coefficients, deviation - deviation_columns @ coefficients
+        squares = np.array([(part**2).sum() for part in remaining])
+    return squares
+
+
+def _from_pose_means(problem: Problem, columns: np.ndarray) -> np.ndarray:
+    """(N, K) columns less the mean over the samples of each pose, coordinate by coordinate."""
+    _, label = np.unique(problem.pose, return_inverse=True)
+    rows = columns.reshape(-1, problem.n, columns.shape[1]).transpose(1, 0, 2)
+    means = np.zeros((label.max() + 1, *rows.shape[1:]))
+    np.add.at(means, label, rows)
+    means /= np.bincount(label)[:, None, None]
+    return (rows - means[label]).transpose(1, 0, 2).reshape(columns.shape)
 
 
 @dataclass(frozen=True)
@@ -150,7 +192,7 @@ class _Restricted:
 
     def _left(self, value: float) -> tuple[float, np.ndarray]:
         """Sum of squares of the innovations that the columns leave, and the triangle R of the columns' innovations."""
-        y, columns = (self._innovations(rows, value) for rows in (self.y, self.columns))
+        y, columns = (self.innovations(rows, value) for rows in (self.y, self.columns))
         flat = columns.reshape(y.size, -1)
         orthonormal, triangle = np.linalg.qr(flat)
         coefficients = orthonormal.T @ y.ravel()
@@ -158,7 +200,7 @@ class _Restricted:
         return float(residual @ residual), triangle
 
     @staticmethod
-    def _innovations(rows: np.ndarray, value: float) -> np.ndarray:
+    def innovations(rows: np.ndarray, value: float) -> np.ndarray:
         innovations = rows.copy()
         innovations[0] *= np.sqrt(1 - value**2)
         innovations[1:] -= value * rows[:-1]
