@@ -68,7 +68,7 @@ def test_parts_with_a_joint_between_them_that_hardly_moves_are_listed():
     assert found.probability < 0.9 < total <= 1 + 1e-9
 
 
-def test_a_tool_that_turned_is_no_reflector_that_moved():
+def test_a_tool_that_rotated_is_no_reflector_that_moved():
     """Means of poses show only the mean move of three reflectors; their differences show that all of them moved."""
     poses, n = np.repeat(np.arange(40), 3), 120
     reflector, is_after = np.tile(np.arange(3), 40), np.repeat(np.arange(40) >= 20, 3)
