@@ -33,7 +33,8 @@ _CLOSE, _CLOSE_SHARE = 2.0, 0.01
 _WIDEST_M = 10.0
 """Positions beyond it are not in metres."""
 _GOOD_MM, _GOOD_SHARE = 5.0, 0.05
-"""A good reading scatters the target by less than this, or less than this share of its distance from the camera."""
+"""A good reading scatters the target by less than this, or less than this share of its distance from the camera and of
+the motion of the flange: in units that make the distance too large, any misfit is a small share of it."""
 _KEPT = 0.5  # of the pairs of poses: a few wrong rows must not decide
 _USUAL = 3
 _WORDS = {"in-hand": "camera on the flange", "to-hand": "target on the flange"}
@@ -286,7 +287,9 @@ def _fit(reading: TargetReading, rows: np.ndarray) -> CandidateFit:
     taken = _taken(reading.poses, rows)
     fit = fit_poses(taken.data)
     rms, distance = fit.trimmed_rms, _distance(taken)
-    is_good = rms < max(_GOOD_MM, _GOOD_SHARE * distance)
+    shift = taken.flange[:, :3, 3] - taken.flange[:, :3, 3].mean(axis=0)
+    extent = min(distance, float(np.linalg.norm(shift, axis=1).max()))
+    is_good = rms < max(_GOOD_MM, _GOOD_SHARE * extent)
     degrees = max(6 * len(rows) - 12, 6)
     improbability = degrees * np.log(max(rms / distance, 1e-6))
     return CandidateFit(reading.title, rms, np.nan, rms, improbability, bool(is_good))
