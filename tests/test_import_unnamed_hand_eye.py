@@ -138,3 +138,23 @@ def test_equal_rotations_are_the_reason_why_no_reading_is_chosen(tmp_path):
         import_recording(
             [written(tmp_path / "pairs.txt", blocks)], tmp_path / "out", ImportOptions()
         )
+
+
+def test_rotations_in_another_frame_than_the_positions_are_the_reason_of_the_refusal(tmp_path):
+    rng = np.random.default_rng(5)
+    turned = Rotation.random(20, rng)
+    origins = rng.uniform(-0.5, 0.5, (20, 3))
+    base, tool = Rotation.from_euler("xyz", [0.01, -0.02, 0.6]), Rotation.from_rotvec([0.4, 1, 0.2])
+    points = base.apply(origins + turned.apply([0.02, 0.01, 0.35])) * 1000 + [6000.0, 4000.0, -600]
+    quarter = Rotation.from_euler("z", 90, degrees=True)
+    angles = (quarter * base * turned * tool).as_euler("xyz")
+    numbers = np.arange(1, 21)[:, None]
+    np.savetxt(
+        tmp_path / "first.txt", np.hstack([numbers, origins, turned.as_rotvec()]), "%.6f", ","
+    )
+    np.savetxt(tmp_path / "second.txt", np.hstack([numbers, points, angles]), "%.6f")
+    files = [tmp_path / "first.txt", tmp_path / "second.txt"]
+    with pytest.raises(InputError, match="the rotations agree, and the positions scatter") as found:
+        import_recording(files, tmp_path / "out", ImportOptions())
+    assert "flange rotation vector in radians, m; target" in str(found.value)
+    assert "in radians, mm" in str(found.value)

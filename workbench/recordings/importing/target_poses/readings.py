@@ -37,6 +37,8 @@ _GOOD_MM, _GOOD_SHARE = 5.0, 0.05
 the motion of the flange: in units that make the distance too large, any misfit is a small share of it."""
 _KEPT = 0.5  # of the pairs of poses: a few wrong rows must not decide
 _USUAL = 3
+_FAR_BETTER = 0.25
+"""Share of the gap of the angles: most conventions differ by much more, and the noise of the poses by less."""
 _WORDS = {"in-hand": "camera on the flange", "to-hand": "target on the flange"}
 FIXED_TO = {"in-hand": "base", "to-hand": "tool"}
 """What the target is fixed to."""
@@ -98,6 +100,27 @@ def usual_readings(rows: RawTable, mapping: Mapping) -> list[TargetReading]:
         all_rows = np.arange(rows.n)
         chosen.append(min(readings, key=lambda reading: _rough(reading.poses, all_rows)))
     return chosen
+
+
+def most_consistent(
+    usual: TargetReading, readings: Sequence[TargetReading], rows: RawTable
+) -> TargetReading:
+    """The usual reading, or of those whose relative rotations agree far better the one with the least misfit."""
+    tested_rows = np.unique(np.linspace(0, rows.n - 1, min(rows.n, _TESTED)).astype(int))
+    limit = _FAR_BETTER * _angle_gap(usual.poses, tested_rows)
+    better = [reading for reading in readings if _angle_gap(reading.poses, tested_rows) < limit]
+    if not better:
+        return usual
+    return min(
+        better, key=lambda reading: approximate_misfit(_taken(reading.poses, tested_rows).data)
+    )
+
+
+def _angle_gap(poses: TargetPoses, rows: np.ndarray) -> float:
+    """Mean difference of the angles between two poses of flange and target, as a share of the flange's."""
+    flange, seen = (_angles(matrices[rows][:, :3, :3]) for matrices in (poses.flange, poses.seen))
+    gaps = np.sort(np.abs(flange - seen))[: int(np.ceil(_KEPT * len(flange)))]
+    return float(gaps.mean() / max(np.sqrt((flange**2).mean()), 1e-9))
 
 
 def _readings(rows: RawTable, mapping: Mapping) -> list[TargetReading]:

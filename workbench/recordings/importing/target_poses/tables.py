@@ -23,6 +23,7 @@ from workbench.recordings.importing.target_poses.readings import (
     FIXED_TO,
     TargetReading,
     compared_readings,
+    most_consistent,
     usual_readings,
 )
 
@@ -57,7 +58,7 @@ def import_target_poses(found, options, progress) -> Made | None:
     progress("testing readings of flange poses and target poses")
     readings, fits = compared_readings(rows, mapping)
     if not fits[0][1].is_good and not options.trust_data:
-        _check_usual(rows, mapping)
+        _check_usual(rows, mapping, readings)
     elif not options.trust_data:
         _refuse_explained(rows, [readings[place] for place, _ in close_fits(fits)])
     lines = [reading.line for reading in readings]
@@ -72,7 +73,7 @@ def import_target_poses(found, options, progress) -> Made | None:
     return Made(recording, mapping, tuple(fit for _, fit in fits), notes, suspicions=suspicions)
 
 
-def _check_usual(rows: RawTable, mapping) -> None:
+def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None:
     """Raise InputError where no reading fits: with the mistake that the most consistent usual convention shows."""
     usual = usual_readings(rows, mapping)
     for reading in usual:
@@ -85,9 +86,10 @@ def _check_usual(rows: RawTable, mapping) -> None:
             )
     if not usual:
         return
+    told = most_consistent(usual[0], readings, rows)
     raise InputError(
         f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found "
-        f"none under any reading. Read as {usual[0].title}: {_disagreement(usual[0])}; {_REMEDY}, or repeat with "
+        f"none under any reading. Read as {told.title}: {_disagreement(told)}; {_REMEDY}, or repeat with "
         "--trust-data."
     )
 
