@@ -86,10 +86,10 @@ def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None
             )
     if not usual:
         return
-    told = most_consistent(usual[0], readings, rows)
+    closest = most_consistent(usual[0], readings, rows)
     raise InputError(
         f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found "
-        f"none under any reading. Read as {told.title}: {_disagreement(told)}; {_REMEDY}, or repeat with "
+        f"none under any reading. Read as {closest.title}: {_disagreement(closest)}; {_REMEDY}, or repeat with "
         "--trust-data."
     )
 
