@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from datasets.formats.table import is_number
+from datasets.importers.mapping.columns.sets import find_sets
 from datasets.importers.source import RawTable
 
 _MAX_SHARE = 0.5
@@ -15,10 +16,14 @@ _DATE = re.compile(
 
 
 def text_sentence(table: RawTable) -> str:
-    """Sentence on cells of text in columns of numbers, with the first of them; "" where there are none."""
+    """Sentence on cells of text in columns of joints, points or rotations, with the first of them; "" for none.
+
+    Text in other columns, such as remarks, hides no quantity.
+    """
+    quantities = {name for columns in find_sets(table) for name in columns.names}
     found = {}
     for name, cells in table.columns.items():
-        if cells.dtype.kind == "f":
+        if cells.dtype.kind == "f" or name not in quantities:
             continue
         is_text = np.array([bool(cell) and not is_number(cell) for cell in cells])
         count_filled = np.count_nonzero(cells != "")
