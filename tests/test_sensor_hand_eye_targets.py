@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sensors.hand_eye.checks.half_turn import half_turned_rows
+from sensors.hand_eye.checks.half_turn import target_rotations_deg
 from sensors.hand_eye.checks.target_review import review_target_poses
 from sensors.hand_eye.motion import motion
 from sensors.hand_eye.target_poses import TargetPoses, hand_eye_from_target_poses
@@ -111,7 +111,7 @@ def test_one_mistake_is_named(cause):
 
 def test_rows_of_a_board_rotated_by_180_deg_are_found():
     flange, seen, _ = target_scene(8)
-    rows = half_turned_rows(TargetPoses(flange, _half_turned(seen), "in-hand", NAMES).data)
+    rows = target_rotations_deg(TargetPoses(flange, _half_turned(seen), "in-hand", NAMES).data)
     assert np.flatnonzero(rows).tolist() == [2, 5, 9]
 
 
@@ -120,7 +120,7 @@ def test_rows_of_a_marker_whose_corners_begin_at_another_one_are_found():
     quarter = transform(Rotation.from_euler("z", 90, degrees=True).as_matrix(), np.zeros(3))
     seen[[2, 5, 9]] = seen[[2, 5, 9]] @ quarter
     data = TargetPoses(flange, seen, "in-hand", NAMES).data
-    assert half_turned_rows(data).tolist() == [90 * (k in (2, 5, 9)) for k in range(14)]
+    assert target_rotations_deg(data).tolist() == [90 * (k in (2, 5, 9)) for k in range(14)]
     found = review_target_poses(flange, data, "in-hand", NAMES)
     assert found.certain
     assert "row 2 (90 deg), row 5 (90 deg), row 9 (90 deg)" in found.sentences[0]

@@ -3,12 +3,9 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
-from robot_model.effects import CATALOGUE
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.mass_responses import LABEL
-from workbench.diagnosis.search.findings import with_constant_load
 from workbench.explanation.reporter import with_numbered_samples
 from workbench.explanation.result import Term
 from workbench.explanation.sentences import statements
@@ -62,16 +59,6 @@ def test_moments_that_are_estimated_next_to_stated_masses_may_be_an_unrecorded_l
     one = Finding("joint-compliance", "joint-6", label, (), 1e-9, 1.0, 0.3, 40.0)
     said = statements.statement(Term(one, size=0.03), "the ball", "mm")
     assert "masses or centres of mass in the robot file are wrong" in said
-    assert "a load that is not recorded" in said
+    assert "a load that is not recorded" in said and "weigh the tool" in said
     plain = Finding("joint-compliance", "joint-6", "", (), 1e-9, 1.0, 0.3, 40.0)
     assert "not recorded" not in statements.statement(Term(plain, size=0.03), "the ball", "mm")
-
-
-@pytest.mark.parametrize(("label", "accepted", "is_listed"), [(LABEL, (), True), ("", (), False)])
-def test_estimated_moments_list_a_constant_load_as_their_other_cause(label, accepted, is_listed):
-    load = SimpleNamespace(effect=CATALOGUE["payload"]("tool"))
-    search = SimpleNamespace(accepted=accepted, bench=SimpleNamespace(constant_loads=(load,)))
-    one = Finding("joint-compliance", "joint-2", label, (), 1e-9, 0.99, 0.3, 40.0)
-    found = with_constant_load(search, one)
-    assert (("payload", "tool") in {(a.effect, a.where) for a in found.alternatives}) is is_listed
-    assert found.probability == 0.99 and Term(found).is_certain

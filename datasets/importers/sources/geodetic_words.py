@@ -2,7 +2,7 @@
 
 A word is `82..08+00001234`: two digits for the quantity, four of information with the unit last, the sign, and 8 digits
 or 16 (then the line begins with `*`). Quantities: 11 name, 21 horizontal direction, 22 zenith angle, 31 slope distance,
-81 east, 82 north, 83 height. Source of quantities and units: the public format description "GSI Online for Leica TPS".
+81 east, 82 north, 83 height. Source of the units: Leica TPS1100 User Manual 2.2.1, "Data format".
 """
 
 import re

@@ -20,7 +20,7 @@ _AGREES_DEG = 2.0
 _NAMED = 8
 
 
-def half_turned_rows(data: PoseData) -> np.ndarray | None:
+def target_rotations_deg(data: PoseData) -> np.ndarray | None:
     """(P,) deg by which the target is rotated in the minority of poses, 0 in the others; None if that explains nothing.
 
     Multiples of 90 are tried where 180 explains nothing. data: with one labelling of the target.
@@ -56,14 +56,14 @@ def _about_normal(angle_deg: int) -> np.ndarray:
     return rotation
 
 
-def half_turn_sentence(rows: np.ndarray, names: Sequence[str]) -> str:
-    """State which poses are rotated, and what to do; rows (P,) deg as of `half_turned_rows`, of the poses `names`."""
-    if set(rows) <= set(_HALF_TURNS):
-        chosen = [name for name, angle in zip(names, rows) if angle]
+def rotated_target_sentence(angles_deg: np.ndarray, names: Sequence[str]) -> str:
+    """State which poses are rotated, and what to do; angles_deg (P,) of the poses `names`: `target_rotations_deg`."""
+    if set(angles_deg) <= set(_HALF_TURNS):
+        chosen = [name for name, angle in zip(names, angles_deg) if angle]
         angle_words = "180 deg"
         why = "the program counted the corners of a symmetric board from the other end"
     else:
-        chosen = [f"{name} ({angle} deg)" for name, angle in zip(names, rows) if angle]
+        chosen = [f"{name} ({angle} deg)" for name, angle in zip(names, angles_deg) if angle]
         angle_words = "multiples of 90 deg"
         why = "the program began the corners of a square target at another one"
     remainder = f" and {len(chosen) - _NAMED} more" if len(chosen) > _NAMED else ""

@@ -11,7 +11,7 @@ import numpy as np
 
 from sensors.hand_eye.checks.alternatives import Alternative, moved_of
 from sensors.hand_eye.checks.corner_noise import CornerNoise
-from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
+from sensors.hand_eye.checks.half_turn import rotated_target_sentence, target_rotations_deg
 from sensors.hand_eye.checks.mistakes import pose_readings
 from sensors.hand_eye.checks.nouns import TARGET_POSES
 from sensors.hand_eye.checks.pose_data import PoseData
@@ -39,9 +39,9 @@ def review_target_poses(flange: np.ndarray, data: PoseData, kind: str, names: li
         ],
     )
     is_doubtful = bool(found.findings or found.outliers)
-    rotated = half_turned_rows(data) if is_doubtful else None
+    rotated = target_rotations_deg(data) if is_doubtful else None
     if rotated is not None and rotated.any():
-        finding = Finding("half-turn", half_turn_sentence(rotated, names), True)
+        finding = Finding("half-turn", rotated_target_sentence(rotated, names), True)
         return replace(found, findings=(finding,), outliers=())
     return found
 

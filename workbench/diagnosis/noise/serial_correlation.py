@@ -201,6 +201,7 @@ class _Restricted:
 
     @staticmethod
     def innovations(rows: np.ndarray, value: float) -> np.ndarray:
+        """Rows (poses, ...) less `value` times those of the pose before; the first in units of their variance."""
         innovations = rows.copy()
         innovations[0] *= np.sqrt(1 - value**2)
         innovations[1:] -= value * rows[:-1]

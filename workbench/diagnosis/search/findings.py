@@ -10,7 +10,6 @@ from scipy.special import logsumexp
 from robot_model.effects import CATALOGUE
 from robot_model.effects.curve import JointCurve
 from robot_model.effects.friction import JointTorque
-from robot_model.effects.load import Payload
 from robot_model.effects.transmission import TransmissionHarmonic
 from robot_model.effects.unknown_masses import GravityCompliance
 from workbench.diagnosis.levels import (
@@ -41,9 +40,6 @@ from workbench.diagnosis.search.stepwise import LAW
 ELASTIC = frozenset(names(compliances(CATALOGUE)))
 SAME_FUNCTION = "a function of these covariates at one of the places is one at the other"
 CONFOUNDED = "it makes nearly the same of any poses"
-CONSTANT_LOAD = (
-    "a constant load changes the first moments as wrong masses do; weigh it, or add a known load"
-)
 _MAX_DIRECTIONS = 6  # directions in which a smooth nonparametric alternative may displace a place
 
 
@@ -96,23 +92,7 @@ def finding(
         result = _with_unexplained_alternative(search, tested, result)
     further = (*_own_gravity(search, i, table), *_own_torque(search, i))
     further += _simpler_compliances(search, i, table, tested)
-    return with_constant_load(search, _with_confounded_laws(result, further))
-
-
-def with_constant_load(search: Search, finding: Finding) -> Finding:
-    """The finding of a deflection whose stated masses do not fit, with the load that changes first moments as they do.
-
-    Wrong masses and a load that is not recorded are equally probable. The joint deflects either way, so that the load
-    takes nothing from the probability of its compliance.
-    """
-    load = Payload("tool")
-    listed = {(a.effect, a.where) for a in finding.alternatives} | {h.key for h in search.accepted}
-    tested = {o.effect.effect for o in search.bench.constant_loads}
-    is_known = (load.effect, load.where) in listed or load.effect not in tested
-    if is_known or not finding.label.startswith(LABEL):
-        return finding
-    other = Alternative(load.effect, load.where, "constant load", 0.5, 1.0, CONSTANT_LOAD)
-    return replace(finding, alternatives=(*finding.alternatives, other))
+    return _with_confounded_laws(result, further)
 
 
 def _with_sets_of_both(

@@ -18,10 +18,10 @@ _process_state: dict = {}  # of a process that searches: the bench and the searc
 
 
 class FoldSearches:
-    """What `search(bench, part)` gives of subsets (n,) bool of the samples, in up to `jobs` processes; a context.
+    """What `search(bench, subset)` gives of subsets (n,) bool of the samples, in up to `jobs` processes; a context.
 
-    With one job all is done in this process. A part is known by its samples: what was started for it early is what is
-    asked for later.
+    With one job all is done in this process. A subset is known by its samples: what was started for it early is what
+    is asked for later.
     """
 
     def __init__(self, search: Search, jobs: int = 1):
@@ -55,12 +55,12 @@ class FoldSearches:
             self._submit_next()
 
     def use_all_cores(self) -> None:
-        """Search one more part at a time, on the core that the search of all samples has left."""
+        """Search one more subset at a time, on the core that the search of all samples has left."""
         if self._bench is not None:
             self._submit_next()
 
     def results(self, bench: Bench, subsets: Iterable[np.ndarray]) -> Iterator[list]:
-        """What the search gives of each part, in their order; this process does nothing else meanwhile."""
+        """What the search gives of each subset, in their order; this process does nothing else meanwhile."""
         self._waiting.clear()
         if self.jobs == 1:
             yield from (self.search(bench, part) for part in subsets)

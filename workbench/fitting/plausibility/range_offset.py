@@ -79,7 +79,7 @@ def range_offset(robot, recording) -> RangeOffset | None:
                 break
             offset += change
         fit = fit_recording(robot, _shortened(chosen, offset), steps=_STEPS)
-    except (*FAILURES, TypeError):
+    except FAILURES:
         return None
     if abs(offset) < max(_SIGNIFICANT * std, _LARGE * fit.scale):
         return None
@@ -99,9 +99,15 @@ def _is_seen_from_origin(recording) -> bool:
 
 
 def _estimate(robot, recording, fit: Fit) -> tuple[float, float]:
-    """mm: the offset that is left next to base, tool and geometry with its prior, and its standard deviation."""
+    """mm: the offset that is left next to base, tool and geometry with its prior, and its standard deviation.
+
+    Raises numpy.linalg.LinAlgError where base, tool and geometry make the same errors.
+    """
     linear = LinearisedFit.at(robot, recording, fit)
     moved = row_residual(robot, _shortened(recording, 1.0), fit)
     derivative = (moved - row_residual(robot, recording, fit)) * linear.root
-    change, information = linear.solved(derivative, np.ones((1, recording.n)))
+    estimate = linear.solved(derivative, np.ones((1, recording.n)))
+    if estimate is None:
+        raise np.linalg.LinAlgError("the poses do not determine an offset of the ranges")
+    change, information = estimate
     return float(change[0]), float(information[0, 0] ** -0.5)

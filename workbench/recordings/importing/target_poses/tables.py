@@ -8,7 +8,7 @@ from datasets.importers.mapping.conversion import complete_rows, other_columns
 from datasets.importers.mapping.rotations import quaternion_columns
 from datasets.importers.source import RawTable
 from datasets.recording import Recording
-from sensors.hand_eye.checks.half_turn import half_turn_sentence, half_turned_rows
+from sensors.hand_eye.checks.half_turn import rotated_target_sentence, target_rotations_deg
 from sensors.hand_eye.checks.nouns import TARGET_POSES
 from sensors.hand_eye.checks.outlier_message import outlier_sentence
 from sensors.hand_eye.checks.review import UNEXPLAINED, rotation_disagreement
@@ -77,9 +77,9 @@ def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None
     """Raise InputError where no reading fits: with the mistake that the most consistent usual convention shows."""
     usual = usual_readings(rows, mapping)
     for reading in usual:
-        rotated = half_turned_rows(reading.poses.data)
+        rotated = target_rotations_deg(reading.poses.data)
         if rotated is not None and rotated.any():
-            sentence = half_turn_sentence(rotated, reading.poses.names)
+            sentence = rotated_target_sentence(rotated, reading.poses.names)
             raise InputError(
                 f"{rows.file}: expected poses of one target, found that {sentence} "
                 f"(read as {reading.title})."
