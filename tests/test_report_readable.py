@@ -1,6 +1,7 @@
 """Report pages can be read: images with overlays, legends clear of curves, p-values, tables at 800 px."""
 
 import base64
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -52,6 +53,18 @@ def _overlaps(figure) -> list[str]:
 
 def test_no_legend_of_the_summary_covers_a_curve(calibration):
     assert _overlaps(summary_image.draw_summary(calibration, errors_of(calibration))) == []
+
+
+def test_the_names_of_stages_are_inside_the_summary(calibration):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    stages = [replace(stage, name="transmission and compliance") for stage in calibration.stages]
+    figure = summary_image.draw_summary(
+        replace(calibration, stages=tuple(stages)), errors_of(calibration)
+    )
+    FigureCanvasAgg(figure).draw()
+    for label in figure.axes[0].get_yticklabels():
+        assert label.get_window_extent().x0 > 0, label.get_text()
 
 
 @pytest.mark.parametrize("entries", [1, 3, 4, 12])

@@ -222,7 +222,7 @@ class _Work:
         drawn = np.linspace(0, max(count - 1, 0), min(count, _DRAWN)).astype(int)
         uncalibrated_count = sum(ball.is_beyond_volume for ball in balls)
         depth_note = (
-            f"{uncalibrated_count} balls beyond the depths of the boards, where the planes are not calibrated"
+            f"balls beyond the depths of the boards, where the planes are not calibrated: {uncalibrated_count}"
             if uncalibrated_count
             else ""
         )

@@ -397,7 +397,7 @@ def _on_unseen(run: ScannerRun) -> list[str]:
     if not steps:
         return []
     return [
-        f"{len(steps)} steps that no board saw have the planes that the mirror gives them: "
+        "steps that no board saw have the planes that the mirror gives them: "
         f"{', '.join(str(step) for step in sorted(steps))}"
     ]
 

@@ -1,6 +1,7 @@
 """`summary.png`: the result of a calibration in one image."""
 
 import logging
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from workbench.report.calibration.errors import ROTATION, Errors
 from workbench.report.text import rounded
 
 _INK = "#222222"
+_STAGE_NAME = 18  # characters of a stage's name on one line: what the left margin holds
 _log = logging.getLogger(__name__)
 
 
@@ -58,6 +60,7 @@ def draw_summary(calibration, errors: Errors):
 
 def _stages(axes, calibration):
     names = ["nominal", *(s.name for s in calibration.stages), "result"]
+    lines = [textwrap.fill(name, _STAGE_NAME) for name in names]
     values = [
         calibration.nominal["rms_mm"],
         *(s.held_out_rms_mm for s in calibration.stages),
@@ -77,7 +80,7 @@ def _stages(axes, calibration):
         )
     axes.set(
         yticks=rows,
-        yticklabels=names,
+        yticklabels=lines,
         xscale="log",
         xlabel="RMS of the 3-D distance (mm)",
         title="held-out error by stage",

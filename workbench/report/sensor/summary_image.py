@@ -125,7 +125,7 @@ def scan(run) -> tuple[Panel, ...]:
         for name, ball in balls[:12]:
             _ecdf(axes, 1000 * np.abs(ball.fit.residual[ball.fit.inliers]), name, None)
         axes.set(
-            xlabel="distance from the ball (um)",
+            xlabel="distance from the ball (µm)",
             title="cumulative share of points, by ball",
         )
         if 0 < len(balls) <= 12:
@@ -142,7 +142,7 @@ def scan(run) -> tuple[Panel, ...]:
                 label=axis,
             )
         axes.set(
-            xlabel=f"ball{count_note}", ylabel="1 sigma (um)", title="uncertainty of the centres"
+            xlabel=f"ball{count_note}", ylabel="1 sigma (µm)", title="uncertainty of the centres"
         )
         style.legend_above(axes)
 
