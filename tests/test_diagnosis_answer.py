@@ -94,6 +94,21 @@ def test_held_out_error_of_a_right_model_is_noise_and_the_uncertainty_of_its_par
     assert factor > 1.2 and factor == pytest.approx(np.mean(squares), rel=0.02)
 
 
+def test_what_a_block_alone_determines_lowers_its_held_out_error():
+    """As the pose of a board that no other image shows: it is fitted to the noise of its own block."""
+    rng = np.random.default_rng(4)
+    fold = np.arange(20) // 4
+    sample, ones = np.repeat(np.arange(20), 3), np.ones(20)
+    of_block = [rng.normal(size=(60, 3)) * (fold[sample] == k)[:, None] for k in range(5)]
+    basis = np.linalg.qr(np.hstack([rng.normal(size=(60, 4)), *of_block]))[0]
+    squares = []
+    for y in rng.normal(size=(2000, 60)):
+        problem = Problem(y, basis, sample, ones, np.ones(60), fold, fold, {}, (), ())
+        squares.append((held_out.left_out(problem, fold) ** 2).mean() / 3)
+    factor = left_out_blocks.variance_factor(problem, fold, np.ones(20, bool))
+    assert factor < 0.9 and factor == pytest.approx(np.mean(squares), rel=0.02)
+
+
 def test_folds_never_part_a_pose(bench):
     problem = bench.problem(()).conditional_on()
     pose = np.arange(90) // 3

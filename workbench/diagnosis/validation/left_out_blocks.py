@@ -142,6 +142,9 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
     A left-out block has the covariance sigma^2 (I + J C J') = sigma^2 (I - B_b B_b')^-1: noise, and the uncertainty C
     of parameters that the other blocks determine (Cook & Weisberg, sec. 3.6, as in `left_out_rows`). Mean over whitened
     rows of the inliers (n,) bool; fold (n,) int.
+
+    Parameters that a block alone determines, as the pose of a board that only its own images show, follow the noise of
+    the block: `left_out_rows` leaves them fitted, so that they lower the mean square.
     """
     mixing = problem.hat_mixing
     block_of_row = fold[problem.sample]
@@ -158,8 +161,22 @@ def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> 
         columns = block.columns[counted[block.rows]] @ mixing
         gram = columns.T @ columns
         shares = np.einsum("ij,ik,kj->j", vectors, gram, vectors)
-        added += float((shares / np.maximum(1 - values, NEGLIGIBLE_SHARE)).sum())
+        added += float((shares * _added_square(values)).sum())
     return 1.0 + added / int(counted.sum())
+
+
+def _added_square(shares: np.ndarray) -> np.ndarray:
+    """(P,) what directions add to the expected square of their held-out error, over the share v that the block has.
+
+    The residual has the variance 1 - v, and the held-out error is 1 / (1 - v) times it: together 1 + v / (1 - v). Where
+    the others determine less than `NEGLIGIBLE_SHARE` of a direction, `_without_block` multiplies by a limit instead.
+    """
+    remaining = np.clip(1 - shares, 0.0, 1.0)
+    growth = 1 + shares / NEGLIGIBLE_SHARE
+    of_block_alone = remaining * growth**2 - 1
+    return np.where(
+        remaining < NEGLIGIBLE_SHARE, of_block_alone, 1 / np.maximum(remaining, NEGLIGIBLE_SHARE)
+    )
 
 
 def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
