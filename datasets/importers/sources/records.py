@@ -4,6 +4,8 @@
 |---|---|
 | a list of records | their keys; those of an object inside get its name in front, as in "robot translation x" |
 | lists of records below other keys | the same, with these keys in front where several lists stand next to one another |
+| objects or lists of numbers under numbered names (`pose1`, ...) | a row for each number (`numbered_records`) |
+| a list of one object inside a record | as that object: the one marker of an image |
 | arrays by name, or a list of lists of numbers | those of the arrays (`arrays`) |
 | `secs` next to `nsecs` (stamps of ROS) | the seconds |
 | `name` next to `position` (sensor_msgs/JointState), `joint_names` next to rows of values | the names |
@@ -16,6 +18,7 @@ import numpy as np
 
 from datasets.importers.source import RawTable
 from datasets.importers.sources.arrays import tables_of_arrays
+from datasets.importers.sources.numbered_records import numbered_records
 
 _NAMES = ("name", "names", "joint_names", "joints")
 _POSITIONS = ("position", "positions", "joint_values", "values", "q", "joint_positions")
@@ -28,13 +31,14 @@ def read_record_tables(path: Path, content) -> list[RawTable]:
     """Tables of the value of a JSON or YAML file. Raises InputError where no array has one row per sample."""
     arrays: dict[str, np.ndarray] = {}
     texts: dict[str, np.ndarray] = {}
-    lists = list(record_lists(content, ""))
+    lists = list(record_lists(content, "", path.stem))
     for prefix, records in lists:
         front = f"{prefix} " if prefix and len(lists) > 1 else ""
         rows = [flattened(row) for row in records]
         names = dict.fromkeys(name for row in rows for name in row)
         for name in names:
-            _add(front + name, [row.get(name) for row in rows], arrays, texts)
+            values = _with_gaps([row.get(name) for row in rows])
+            _add(front + name, values, arrays, texts)
     if not lists:
         content = content if isinstance(content, Mapping) else {path.stem: content}
         for name, value in flattened(content).items():
@@ -57,11 +61,31 @@ def _add(name: str, value, arrays: dict[str, np.ndarray], texts: dict[str, np.nd
         texts[name] = np.array([str(cell) for cell in value])
 
 
-def record_lists(content, prefix: str) -> Iterator[tuple[str, list[Mapping]]]:
-    """(keys above it, records) of each list of records; a record may also be a list of objects, numbered from 1."""
+def _with_gaps(values: list) -> list:
+    """Values of the records with nan in the place of lists of numbers that single records lack."""
+    lists = [value for value in values if isinstance(value, list) and value]
+    missing = [value is None or value == [] for value in values]
+    if not lists or not any(missing):
+        return values
+    array = _number_array(lists[0])
+    if array is None:
+        return values
+    gap = np.full(array.shape, np.nan).tolist()
+    return [gap if is_missing else value for value, is_missing in zip(values, missing)]
+
+
+def record_lists(content, prefix: str, stem: str = "pose") -> Iterator[tuple[str, list[Mapping]]]:
+    """(keys above it, records) of each list of records; a record may also be a list of objects, numbered from 1.
+
+    stem: name of lists of numbers whose keys are numbers only.
+    """
     if isinstance(content, Mapping):
+        rows = numbered_records(content, prefix or stem)
+        if rows is not None:
+            yield prefix, rows
+            return
         for name, value in content.items():
-            yield from record_lists(value, f"{prefix} {name}".strip())
+            yield from record_lists(value, f"{prefix} {name}".strip(), stem)
     elif isinstance(content, list) and len(content) >= _FEWEST:
         if all(isinstance(row, Mapping) for row in content):
             yield prefix, content
@@ -80,7 +104,10 @@ def flattened(content: Mapping, prefix: str = "") -> dict:
         seconds = _seconds(value)
         if seconds is not None:
             made[f"{prefix}{name} [s]"] = seconds
-        elif isinstance(value, Mapping):
+            continue
+        if isinstance(value, list) and len(value) == 1 and isinstance(value[0], Mapping):
+            value = value[0]
+        if isinstance(value, Mapping):
             made |= flattened(value, f"{prefix}{name} ")
         else:
             made[f"{prefix}{name}"] = value
@@ -125,7 +152,12 @@ def _width(value) -> int:
 
 
 def _number_array(value: list) -> np.ndarray | None:
-    """Numbers of a nested list, nan for null; None where it holds anything else."""
+    """Numbers of a nested list, nan for null; None where it holds anything else.
+
+    Python reads the digits of a time stamp such as 20260131_181824 as one number; they are text.
+    """
+    if any(isinstance(cell, str) and "_" in cell for cell in value):
+        return None
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError):

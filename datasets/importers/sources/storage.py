@@ -8,6 +8,7 @@ import numpy as np
 from datasets.errors import complaint
 from datasets.importers.source import Source
 from datasets.importers.sources.arrays import pose_columns, tables_of_arrays
+from datasets.importers.sources.numbered_records import numbered_records
 from datasets.importers.sources.records import read_record_tables
 from datasets.importers.sources.xml_records import read_xml_records
 from workbench.core.text.structured_text import ContentError, parse_json, read_json, read_yaml
@@ -16,7 +17,7 @@ XML, JSON_LINES = {".xml", ".dtx"}, {".jsonl", ".ndjson"}
 EXTENSIONS = {".yml", ".yaml", ".json", *XML, *JSON_LINES}
 _HEAD_BYTES = 4096
 _NUMBERED_PART = re.compile(
-    r"(?:(R|rot|rotation|rmat)|(t|tvec|trans|translation))(?:[_ ]+(.*?))?[_ ]?(\d+)", re.I
+    r"(?:(R|rvec|rot|rotation|rmat)|(t|tvec|trans|translation))s?(?:[_ ]+(.*?))?[_ ]?(\d+)", re.I
 )
 
 
@@ -145,12 +146,13 @@ def read_opencv(path: Path) -> Source:
             path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again"
         )
     camera = _camera(arrays)
+    rows = _numbered_rows(_joined_vectors(arrays))
     poses = _poses({**arrays, **_joined_parts(arrays)})
     arrays = {name: value for name, value in arrays.items() if value.ndim == 2 and len(value) >= 3}
     no_table = {(3, 1), (3, 3), (4, 4)} if poses else {(3, 3), (4, 4)}
     arrays = {name: value for name, value in arrays.items() if value.shape not in no_table}
-    if poses:
-        arrays |= poses
+    arrays = {name: value for name, value in arrays.items() if not _is_numbered_row(name, rows)}
+    arrays |= {**poses, **rows}
     if camera is not None and not arrays:
         return Source(camera=camera)
     return Source(tables=tuple(tables_of_arrays(path, arrays)), camera=camera)
@@ -179,6 +181,45 @@ def _sequence(node, called: str):
         matrix = item.mat() if item.isMap() else None
         if matrix is not None:
             yield f"{called}_{number}", np.asarray(matrix, float)
+
+
+def _joined_vectors(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays, with numbered positions and rotations of three numbers (rvec_0, tvec_0, ...) as one vector (6,)."""
+    pose_parts: dict[tuple[str, str], dict[bool, str]] = {}
+    for name, value in arrays.items():
+        found = _NUMBERED_PART.fullmatch(name)
+        if found and value.size == 3:
+            pose_parts.setdefault((found[3] or "pose", found[4]), {})[bool(found[1])] = name
+    pairs = {key: names for key, names in pose_parts.items() if len(names) == 2}
+    joined = {
+        f"{name}_{number}": np.concatenate([arrays[names[k]].ravel() for k in (False, True)])
+        for (name, number), names in pairs.items()
+    }
+    taken = {name for names in pairs.values() for name in names.values()}
+    return {name: value for name, value in arrays.items() if name not in taken} | joined
+
+
+def _numbered_rows(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Arrays (n, k) of vectors under numbered names (pose1, pose2, ...), and (n, 1) their numbers; {} without any."""
+    vectors = {
+        name: value.ravel().tolist()
+        for name, value in arrays.items()
+        if value.ndim == 1 or 1 in value.shape
+    }
+    records = [
+        record for record in numbered_records(vectors, "pose") or () if None not in record.values()
+    ]
+    return {
+        name: np.array([record[name] for record in records], float).reshape(len(records), -1)
+        for name in (records[0] if records else ())
+    }
+
+
+def _is_numbered_row(name: str, rows: dict[str, np.ndarray]) -> bool:
+    """Whether a vector is one of the rows that `_numbered_rows` found, or a part of one."""
+    part = _NUMBERED_PART.fullmatch(name)
+    stem = part[3] or "pose" if part else re.sub(r"[ _.\-]?\d+$", "", name)
+    return stem in rows
 
 
 def _joined_parts(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -19,10 +19,13 @@ from datasets.importers.source import RawTable
 from datasets.importers.sources.arrays import pose_columns as array_columns
 from workbench.recordings.importing.target_poses.readings import angle_misfit
 
-_COMPONENT = re.compile(r"(.*?)[ _.\-]*(?:r[123][123]|t?[xyz]|q?[xyzw]|\d+|\[\d+\])$", re.I)
+_COMPONENT = re.compile(r"(.*?)[ _.\-]*(?:r[123][123]|[tr]?[xyz]|q?[xyzw]|\d+|\[\d+\])$", re.I)
 _PART = re.compile(
-    r"^(?:r|t|rot|rotation|rmat|rvec|tvec|trans|translation|pos|position)[ _]+", re.I
+    r"(?:^|[ _]+)(?:r|t|p|q|rot|rotation|rmat|rvec|tvec|trans|translation|pos|position|orientation|orn|quat|quaternion|"
+    r"euler|rpy|vec|vector|mm|cm|m|rad|deg)(?=[ _]|$)",
+    re.I,
 )
+"""Words of a header that say which part of a pose it is, or its unit, and not whose pose."""
 _FLANGE_WORDS = re.compile(
     r"gripper|flange|hand(?!eye)|robot|tcp|effector|\bee|arm|rpe|bmh|wpe|base", re.I
 )
@@ -157,7 +160,7 @@ def _sets_of(table: RawTable, tables: int) -> list[PoseSet]:
     groups: dict[str, list[str]] = {}
     for name in numeric:
         match = _COMPONENT.match(name)
-        base = _PART.sub("", match[1] if match else name)
+        base = _PART.sub("", match[1] if match else name).strip(" _")
         groups.setdefault(base, []).append(name)
     by_name = [(base, names) for base, names in groups.items() if len(names) in _WIDTHS]
     wanted = 2 // tables
