@@ -7,8 +7,10 @@ Influence in Regression (1982), sec. 3.6). The added effects have their priors i
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_solve
 
 from workbench.core.least_squares.linear_algebra import symmetric_eigen, symmetric_eigenvalues
+from workbench.core.least_squares.matrix_functions import function_times
 from workbench.diagnosis.levels import NEGLIGIBLE_SHARE
 from workbench.diagnosis.linear.problem import BLOCK, Problem, cached
 
@@ -115,7 +117,8 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
 
     V = (I - B_b B_b')^-1 is the covariance, over that of the noise, of the errors of a block that this problem
     predicts: a direction that the other blocks leave uncertain counts by as much less. V^-1/2 B_b u = sqrt(1 - v) B_b u
-    for an eigenvector u of B_b'B_b with the eigenvalue v.
+    for an eigenvector u of B_b'B_b with the eigenvalue v, so that V^-1/2 e = e - B_b f(B_b'B_b) B_b'e with f as
+    `_shrinkage`.
     """
     mixing = problem.hat_mixing
     block_of_row = fold[problem.sample]
@@ -124,16 +127,18 @@ def decorrelated(problem: Problem, fold: np.ndarray, errors: np.ndarray) -> np.n
     for k in np.unique(block_of_row[has_errors]):
         block = _block(problem, block_of_row == k)
         matrix = _information(problem, block)
-        values, vectors = symmetric_eigen(matrix)
-        remaining = np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0))
-        shrinkage = (1 - remaining) / np.maximum(values, NEGLIGIBLE_SHARE)
         # of a few errors, not of all directions: the products with these take as long as the eigenvectors
         by_column = out[:, block.rows] @ block.columns
-        projected = (by_column @ mixing) @ vectors
-        change = (projected * shrinkage) @ vectors.T
+        projected = by_column @ mixing
+        change = function_times(_shrinkage, matrix, projected.T).T
         out[:, block.rows] -= change @ mixing.T @ block.columns.T
     problem.information_of_blocks.clear()  # megabytes a block, which nothing asks for again
     return out * problem.units
+
+
+def _shrinkage(values: np.ndarray) -> np.ndarray:
+    """(1 - sqrt(1 - v)) / v of eigenvalues v (E,), in the form that does not cancel at small ones."""
+    return 1 / (1 + np.sqrt(np.clip(1 - values, NEGLIGIBLE_SHARE, 1.0)))
 
 
 def variance_factor(problem: Problem, fold: np.ndarray, inliers: np.ndarray) -> float:
@@ -187,11 +192,12 @@ def _without_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, fl
     identity = np.eye(len(inner))
     try:
         np.linalg.cholesky((1 - NEGLIGIBLE_SHARE) * identity - inner)
+        factor = np.linalg.cholesky(identity - inner)
     except np.linalg.LinAlgError:
         values, vectors = symmetric_eigen(inner)
         complement = np.maximum(1 - values, NEGLIGIBLE_SHARE)
         return vectors @ (vectors.T @ score / complement), 0.0
-    return np.linalg.solve(identity - inner, score), 0.0
+    return cho_solve((factor, True), score, check_finite=False), 0.0
 
 
 def _scored_block(inner: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, float]:
