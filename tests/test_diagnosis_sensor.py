@@ -297,3 +297,15 @@ def test_large_law_that_is_likelier_is_an_alternative_to_a_function_at_its_place
         1.0 if declared else 0.99
     )
     assert (revised.effect, revised.depends_on) == ("unknown", ("mirror", "along"))
+
+
+def test_the_samples_that_have_a_covariate_are_known():
+    """A corner has no place along a stripe, and a point on a ball none on the board."""
+    bench = clean()
+    ends = np.cumsum(bench.chains.counts)
+    parts = dict(zip(bench.chains.parts, np.split(np.arange(bench.n), ends[:-1])))
+    described = {name: set(np.unique(mask)) for name, mask in bench.described.items()}
+    assert described["u"] == {True} and described["range"] == {True}
+    for name, rows in parts.items():
+        assert bench.described["along"][rows].all() == (name != "corners")
+        assert bench.described["board_x"][rows].any() == ("ball" not in name)

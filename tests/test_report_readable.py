@@ -20,8 +20,9 @@ from workbench.report.calibration.residuals import (
     overview,
     quantities,
 )
+from workbench.report.diagnosis import figures
 from workbench.report.diagnosis.figures import covariate_name
-from workbench.report.page import marked, write_report
+from workbench.report.page import marked, write_report, write_sheet
 from workbench.report.sensor.overlays import overlay, overlays
 from workbench.report.text import column_label, joint_label, p_value, rounded
 
@@ -396,3 +397,19 @@ def test_labels_at_the_ends_of_the_chain_stay_in_the_figure(place, anchor):
     from workbench.report.diagnosis.chain import side
 
     assert side(place, 0, 12) == anchor
+
+
+def test_samples_without_a_covariate_are_in_no_bin():
+    x = np.array([0.0, 1.0, np.nan, 1.0, np.nan])
+    centres, means = figures.binned(x, np.array([1.0, 2.0, 50.0, 4.0, np.nan]))
+    assert list(centres) == [0.0, 1.0] and list(means) == [1.0, 3.0]
+
+
+def test_a_last_column_of_words_may_break_its_lines(tmp_path):
+    from workbench.report.sections import Page, Section, table
+
+    rows = [("a", "1.5 mm", "window-refraction at the camera")]
+    part = table(["effect", "size", "most confounded effect"], rows, last_is_text=True)
+    sheet = Page("kind", "title", (), lead=(), sections=(Section("id", "Section", (part,)),))
+    html = write_sheet(sheet, tmp_path).read_text(encoding="utf-8")
+    assert '<td class="n">1.5 mm</td><td>window-refraction at the camera</td>' in html

@@ -200,12 +200,20 @@ class FinalModel:
             before,
             after,
             points,
-            _plain(self.before),
+            self._own_covariates(),
             SENSOR_CHAIN,
             np.arange(self.before.n),
             None,
             ("u", "v", "along")[: len(before)],
         )
+
+    def _own_covariates(self) -> dict:
+        """Covariates that vary; nan at samples of images that have none, such as the place on the board of a ball."""
+        described = self.bench.described
+        return {
+            name: np.where(described[name], values, np.nan)
+            for name, values in _plain(self.before).items()
+        }
 
 
 def _plain(problem) -> dict:

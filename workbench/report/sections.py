@@ -54,13 +54,16 @@ def pair(*figures: dict) -> dict:
     return {"kind": "pair", "figures": figures}
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence], left: int = 1) -> dict:
-    """A table. Its first `left` columns are text; the others are formatted numbers."""
+def table(
+    head: Sequence[str], rows: Sequence[Sequence], left: int = 1, last_is_text: bool = False
+) -> dict:
+    """A table. Its first `left` columns, and the last if asked for, are text; the others are formatted numbers."""
     return {
         "kind": "table",
         "head": list(head),
         "rows": [list(map(str, row)) for row in rows],
         "left": left,
+        "numbers_end": len(head) - last_is_text,
     }
 
 

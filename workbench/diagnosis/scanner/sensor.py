@@ -25,10 +25,11 @@ from workbench.diagnosis.linear.problem import Bench, Found, Problem
 from workbench.diagnosis.scanner.predictions import Predicted, scored_errors
 from workbench.diagnosis.scanner.sensor_covariates import (
     join_covariates,
+    join_described,
     kind_of_sensor,
     split_covariates,
 )
-from workbench.diagnosis.scanner.sensor_library import described, places
+from workbench.diagnosis.scanner.sensor_library import described, places, samples_described
 from workbench.diagnosis.scanner.sensor_linear import (
     WIDEST,
     Linear,
@@ -81,6 +82,8 @@ class SensorBench(Bench):
             for name, chain in parts.items()
         }
         self.covariates = join_covariates(covariates_of_parts, chains.counts)
+        masks = {name: samples_described(chain, name) for name, chain in parts.items()}
+        self.described = join_described(covariates_of_parts, masks, chains.counts)
         filled = split_covariates(self.covariates, chains.counts, parts)
         filled = {name: replace(chain, covariates=filled[name]) for name, chain in parts.items()}
         self.chains = replace(chains, **filled)

@@ -80,6 +80,22 @@ def join_covariates(tables: Mapping[str, Mapping], counts) -> dict[str, np.ndarr
     return joined
 
 
+def join_described(tables: Mapping[str, Mapping], masks: Mapping[str, Mapping], counts) -> dict:
+    """(n,) bool, by covariate: which samples have a value of their own, and not one that is filled in.
+
+    tables: covariates of each part; masks: of each part, by covariate, the samples that have it, where not all do.
+    """
+    names = {name for part in tables.values() for name in part if name not in _IDENTIFIERS}
+    joined = {}
+    for name in names:
+        of_parts = []
+        for part, count in zip(tables, counts):
+            is_known = np.full(count, name in tables[part])
+            of_parts.append(is_known & masks[part].get(name, True))
+        joined[name] = np.concatenate(of_parts)
+    return joined
+
+
 def split_covariates(covariates, counts, names) -> dict[str, dict]:
     """The covariates (n,) of all samples, by the names of the parts, with `counts` samples each."""
     edges = np.cumsum((0, *counts))

@@ -135,3 +135,14 @@ def described(chain, kind_of: str, mirror: float) -> Mapping[str, np.ndarray]:
         "board_y": np.nan_to_num(state.board[1]),
     }
     return {**chain.covariates, **known}
+
+
+def samples_described(chain, kind_of: str) -> Mapping[str, np.ndarray]:
+    """(n,) bool: which samples have a covariate of their own, where `described` fills in a value for the others."""
+    state = chain.state
+    return {
+        "mirror": ~np.isnan(state.mirror),
+        "along": np.full(state.n, kind_of != "corners"),
+        "board_x": ~np.isnan(state.board[0]),
+        "board_y": ~np.isnan(state.board[1]),
+    }

@@ -41,6 +41,7 @@ def detectable(diagnosis: Diagnosis):
         ],
         rows,
         left=2,
+        last_is_text=True,
     )
     if len(folded) < len(order) or len(folded) > _SMALLEST:
         yield words(f"smallest-visible.csv lists all {len(order)} variants.", quiet=True)

@@ -17,6 +17,7 @@ _MOST_PANELS = 6
 _BINS = 20
 _LOOKED = 5000
 _FEW_VALUES = 4
+_SMALLEST_SHARE = 0.005  # of held-out errors, which the logarithmic axis leaves out
 _SAME_CORRELATION = 0.999
 
 
@@ -115,10 +116,16 @@ def _shares_of_samples(lengths_by_stage, unit: str) -> go.Figure:
 
 
 def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
-    """The figure with a logarithmic axis from its smallest to its largest value."""
+    """The figure with a logarithmic axis to its largest value.
+
+    The smallest errors are many decades below the others and would take the width of the figure: the axis begins at
+    the quantile `_SMALLEST_SHARE`.
+    """
     ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
-    drawn.update_xaxes(style.log_axis(ends.min(initial=np.inf) / 1.1, ends.max(initial=0.0) * 1.1))
+    if len(ends):
+        low = np.quantile(ends, _SMALLEST_SHARE)
+        drawn.update_xaxes(style.log_axis(low / 1.1, ends.max() * 1.1))
     return drawn.update_yaxes(range=[0, 101])
 
 
@@ -248,9 +255,12 @@ _UNITS = {
     "moment": "N m",
     "temperature": "°C",
     "sight_range": "m",
+    "range": "mm",
+    "along": "mm",
     "u": "px",
     "v": "px",
 }
+_ANGLES = ("sight_azimuth", "sight_elevation", "incidence", "mirror")
 _SHOWN_UNITS = ("mm", "kg", "deg", "s")
 
 
@@ -270,7 +280,7 @@ def shown_covariate(name: str, covariates: Mapping[str, np.ndarray]) -> tuple[np
         return x, "time (s)" if "time_s" in covariates else "row number"
     known = Covariate.of(name)
     is_angle = known.kind in ("q", "move") and known.place and not known.unit
-    if is_angle or known.kind in ("sight_azimuth", "sight_elevation"):
+    if is_angle or known.kind in _ANGLES:
         return np.rad2deg(x), f"{words} (°)"
     unit = _UNITS.get(known.kind, known.unit if known.unit in _SHOWN_UNITS else "")
     return x, f"{words} ({unit})" if unit else words
@@ -303,7 +313,7 @@ def _panel(drawn, k, x, row, shown, stage):
 
 def binned(x: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Centres and means of bins of equal count; if there are few values, each is a bin."""
-    is_finite = np.isfinite(row)
+    is_finite = np.isfinite(row) & np.isfinite(x)
     x, row = x[is_finite], row[is_finite]
     values, place = np.unique(x, return_inverse=True)
     if len(values) <= _FEW_VALUES:
@@ -320,7 +330,7 @@ def relevant_covariates(diagnosis: Diagnosis) -> list[str]:
     wide = [
         name
         for name, x in views.covariates.items()
-        if len(np.unique(x[:_LOOKED])) > 2 or Covariate.of(name).is_signed
+        if len(np.unique(x[np.isfinite(x)][:_LOOKED])) > 2 or Covariate.of(name).is_signed
     ]
     removed = {name: fall(views, name) for name in wide if name not in ("time", "time_s")}
     best: list[str] = []
@@ -334,7 +344,9 @@ def relevant_covariates(diagnosis: Diagnosis) -> list[str]:
 
 def _same(x: np.ndarray, y: np.ndarray) -> bool:
     """True if two covariates differ in unit or sign only, such as a torque and the moment about the same axis."""
-    if not (np.ptp(x) > 0 and np.ptp(y) > 0):
+    is_known = np.isfinite(x) & np.isfinite(y)
+    x, y = x[is_known], y[is_known]
+    if not len(x) or not (np.ptp(x) > 0 and np.ptp(y) > 0):
         return False
     return abs(float(np.corrcoef(x, y)[0, 1])) > _SAME_CORRELATION
 
