@@ -16,7 +16,7 @@ from workbench.diagnosis.robot import bench
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.robot.library import variants
 from workbench.diagnosis.search.most_probable_set import accept_most_probable_set
-from workbench.diagnosis.search.posterior import Window, exchange_terms
+from workbench.diagnosis.search.posterior import Window, _objective_with, exchange_terms
 from workbench.diagnosis.search.prior import SECOND, elastic_prior
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
@@ -174,3 +174,37 @@ def test_a_tilting_bearing_of_joint_1_is_not_certainly_the_pedestal():
     names = {(a.effect, a.where): a.probability for a in (first, *first.alternatives)}
     assert names["bearing-compliance", "joint-1"] == pytest.approx(max(names.values()))
     assert first.effect == "bearing-compliance" or first.probability <= 0.5
+
+
+def test_the_load_of_a_bearing_is_its_moment_wherever_its_axis_is(elastic_arm):
+    """A twist about the axis of a joint has shifts in mm, too, which are no load."""
+    state = elastic_arm.chain.state
+    bearings = [c for c in elastic_arm.problem(()).candidates if c.effect == "bearing-compliance"]
+    assert len(bearings) > 2
+    for bearing in bearings:
+        moment = bearing.effects[0].load(state)
+        assert bearing.load == pytest.approx(np.sqrt((moment**2).sum(0).mean()), rel=1e-6)
+
+
+def test_the_columns_of_a_load_are_those_of_the_solution_in_sets_that_lack_a_compliance(
+    elastic_arm,
+):
+    """Without what the accepted compliances make of it, it would be another load in every other set."""
+    search = Search(elastic_arm, None, 1e-3, lambda line: None)
+    search.solve()
+    keys = [("joint-compliance", f"joint-{k}") for k in (2, 3, 5)]
+    table = search.full_table(())
+    search.accepted = tuple(next(h for h in table if h.key == key) for key in keys)
+    search.solve()
+    load = next(h for h in search.full_table((0, 1, 2)) if h.effect == "payload-centre")
+    search.accepted = (*search.accepted, load)
+    search.solve()
+    objective = _objective_with(search, [])
+    problem = search.problem.conditional_on(())
+    y = problem.orthogonalise(problem.residual)
+    terms = search.current_terms()
+    for members in ((0, 2, 3), (0, 1, 3)):
+        columns = np.concatenate([terms[i].columns(problem) for i in members], 1)
+        basis = np.linalg.qr(problem.orthogonalise(columns))[0]
+        remaining = float(y @ y - ((basis.T @ y) ** 2).sum()) / Projected(problem).design_effect
+        assert objective.yy - objective.gain(members) == pytest.approx(remaining, rel=1e-2)

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from robot_model.effects.elastic import SHIFTS, TURNS
 from workbench.core.covariates import clock
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares, thin_svd
@@ -257,8 +258,14 @@ def _candidates(model: Model, fit: Fit, rows: _Rows, library) -> tuple[Candidate
 
 
 def _load(model: Model, effect: Effect) -> float:
-    """RMS over the samples of the torque or moment (N m) that an elastic law's first parameter multiplies."""
-    return float(np.sqrt((model.basis(effect)[0] ** 2).sum(0).mean()))
+    """RMS over the samples of the torque or moment (N m) that an elastic law's first parameter multiplies.
+
+    A twist has shifts (mm), too, by which it rotates about an axis of its own. They are no moment.
+    """
+    basis = model.basis(effect)[0]
+    is_twist = len(basis) == len(SHIFTS + TURNS)
+    moment = basis[list(TURNS)] if is_twist else basis
+    return float(np.sqrt((moment**2).sum(0).mean()))
 
 
 def _columns(model, fit, rows, effect, cause=None, by_end=False):

@@ -94,6 +94,23 @@ def as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
     return Accepted(len(terms), loads)
 
 
+def loads_as_solved(search: Search, terms: Sequence[Hypothesis]) -> Accepted:
+    """As `as_solved`, for sets that all hold the accepted loads: their columns are those of the solution.
+
+    A load that competes with the accepted compliances counts for what these do not make (`as_solved`). What remains is
+    no load in a set that lacks one of them, and would represent a part of the missing compliance: two sets could each
+    seem more probable about the solution of the other.
+    """
+    solved = as_solved(search, terms)
+    problem = search.problem.conditional_on(())
+    constant = {
+        i: h.columns(problem)
+        for i, h in enumerate(terms)
+        if h.needs_compliance and i not in solved.loads
+    }
+    return replace(solved, loads={**solved.loads, **constant})
+
+
 def _is_gain_below(
     share: float, objective: LogPosterior, members: Members, present: Members
 ) -> bool:

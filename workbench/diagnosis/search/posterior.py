@@ -26,7 +26,7 @@ from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import CLOSE_GAIN, only_generalises
 from workbench.diagnosis.search.constant_load import accept_constant_loads, prefer_stated_masses
 from workbench.diagnosis.search.instants import refine_instants
-from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
+from workbench.diagnosis.search.most_probable_set import loads_as_solved, order_by_gain
 from workbench.diagnosis.search.objective import LogPosterior, Members
 from workbench.diagnosis.search.options import refine_options
 from workbench.diagnosis.search.prior import LAW_ERROR, is_elastic
@@ -348,7 +348,7 @@ def _objective_with(search, others: Sequence[Hypothesis]) -> LogPosterior:
     """The objective of sets of the accepted terms, which come first, and others."""
     accepted = search.current_terms()
     terms = [*accepted, *others]
-    solved = as_solved(search, accepted)
+    solved = loads_as_solved(search, accepted)
     return LogPosterior.of(search.problem.conditional_on(()), terms, accepted=solved)
 
 
@@ -418,7 +418,7 @@ def _elastic_window(search) -> Window | None:
     known = {h.key for h in accepted}
     unlisted = (h for key, h in plain.items() if key not in known)
     terms = [*accepted, *unlisted]
-    solved = as_solved(search, accepted)
+    solved = loads_as_solved(search, accepted)
     problem = search.problem.conditional_on(())
     objective = LogPosterior.of(problem, terms, accepted=solved)
     open_ = [i for i, h in enumerate(terms) if is_elastic(h)]
