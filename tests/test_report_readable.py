@@ -22,6 +22,7 @@ from workbench.report.calibration.residuals import (
 )
 from workbench.report.diagnosis import figures
 from workbench.report.diagnosis.figures import covariate_name
+from workbench.report.diagnosis.summary_image import _spread
 from workbench.report.page import marked, write_report, write_sheet
 from workbench.report.sensor.overlays import overlay, overlays
 from workbench.report.text import column_label, joint_label, p_value, rounded
@@ -403,6 +404,11 @@ def test_samples_without_a_covariate_are_in_no_bin():
     x = np.array([0.0, 1.0, np.nan, 1.0, np.nan])
     centres, means = figures.binned(x, np.array([1.0, 2.0, 50.0, 4.0, np.nan]))
     assert list(centres) == [0.0, 1.0] and list(means) == [1.0, 3.0]
+
+
+def test_a_component_without_any_value_of_a_covariate_has_no_spread():
+    """The row of a corner next to a place along the stripe, which no corner has."""
+    assert _spread(np.array([])) == 0.0 and _spread(np.array([1.0, 3.0])) == 2.0
 
 
 def test_a_last_column_of_words_may_break_its_lines(tmp_path):

@@ -17,7 +17,7 @@ _MOST_PANELS = 6
 _BINS = 20
 _LOOKED = 5000
 _FEW_VALUES = 4
-_SMALLEST_SHARE = 0.005  # of held-out errors, which the logarithmic axis leaves out
+SMALLEST_SHARE = 0.005  # of held-out errors, which the logarithmic axis leaves out
 _SAME_CORRELATION = 0.999
 
 
@@ -119,12 +119,12 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
     """The figure with a logarithmic axis to its largest value.
 
     The smallest errors are many decades below the others and would take the width of the figure: the axis begins at
-    the quantile `_SMALLEST_SHARE`.
+    the quantile `SMALLEST_SHARE`.
     """
     ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
     if len(ends):
-        low = np.quantile(ends, _SMALLEST_SHARE)
+        low = np.quantile(ends, SMALLEST_SHARE)
         drawn.update_xaxes(style.log_axis(low / 1.1, ends.max() * 1.1))
     return drawn.update_yaxes(range=[0, 101])
 

@@ -395,7 +395,7 @@ def _alternatives(diagnosis: Diagnosis):
             "share of the signature",
             "",
         ]
-        yield table(head, rows, left=2)
+        yield table(head, rows, left=2, last_is_text=True)
     if diagnosis.not_recorded:
         yield note(
             "Not recorded",

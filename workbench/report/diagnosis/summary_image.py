@@ -9,7 +9,13 @@ from workbench.explanation.result import Diagnosis
 from workbench.explanation.sentences import words as said
 from workbench.report import style
 from workbench.report.diagnosis.chain import places_of, share_at
-from workbench.report.diagnosis.figures import binned, extent, fall, shown_covariate
+from workbench.report.diagnosis.figures import (
+    SMALLEST_SHARE,
+    binned,
+    extent,
+    fall,
+    shown_covariate,
+)
 from workbench.report.text import rounded
 
 _INK = "#222222"
@@ -108,13 +114,23 @@ def _errors(axes, diagnosis):
             axes.ecdf(errors, label=name, color=colour, lw=2)
     if np.isfinite(diagnosis.proof.noise) and diagnosis.proof.noise > 0:
         axes.axvline(diagnosis.proof.noise, color=style.ORANGE, ls=":", label="noise, RMS")
-    positive = any((errors > 0).any() for errors in known)
     axes.set(xlabel=f"held-out error ({diagnosis.unit})", title="cumulative share of samples")
-    if positive:
-        axes.set_xscale("log")
+    _logarithmic(axes, np.concatenate(known))
     axes.yaxis.set_major_formatter("{x:.0%}")
     style.legend_above(axes)
     _quiet(axes)
+
+
+def _logarithmic(axes, errors: np.ndarray):
+    """A logarithmic axis over errors, without the smallest; a linear one where none is above zero."""
+    positive = errors[errors > 0]
+    if not len(positive):
+        return
+    ticks = style.log_axis(np.quantile(positive, SMALLEST_SHARE), positive.max(), max_ticks=6)
+    axes.set_xscale("log")
+    axes.set_xlim(*np.power(10.0, ticks["range"]))
+    axes.set_xticks(ticks["tickvals"], ticks["ticktext"])
+    axes.set_xticks([], minor=True)
 
 
 def _covariate_panel(axes, diagnosis):
@@ -123,7 +139,8 @@ def _covariate_panel(axes, diagnosis):
         return
     name = max(diagnosis.views.covariates, key=lambda covariate: fall(diagnosis.views, covariate))
     x, title = shown_covariate(name, diagnosis.views.covariates)
-    k = int(np.argmax([np.ptp(binned(x, row)[1]) for row in diagnosis.views.before]))
+    spreads = [_spread(binned(x, row)[1]) for row in diagnosis.views.before]
+    k = int(np.argmax(spreads))
     for stage, part, colour in (
         ("before", diagnosis.views.before, style.GREY),
         ("after", diagnosis.views.after, style.BLUE),
@@ -137,6 +154,11 @@ def _covariate_panel(axes, diagnosis):
     )
     style.legend_above(axes)
     _quiet(axes)
+
+
+def _spread(means: np.ndarray) -> float:
+    """Range of the means of bins; 0 where no sample has both the covariate and the residual."""
+    return float(np.ptp(means)) if len(means) else 0.0
 
 
 def _quiet(axes):
