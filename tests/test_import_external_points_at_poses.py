@@ -11,6 +11,7 @@ from workbench.commands.data.import_dialogue import next_command
 from workbench.core.errors import InputError
 from workbench.core.rigid import inverse, rotation_vector, transform
 from workbench.recordings.importing import ImportOptions, import_recording
+from workbench.recordings.importing.sources.finding import find_mapping
 
 BASE = transform(
     Rotation.from_rotvec([0.2, -0.1, 2.2]).as_matrix(), np.array([2600.0, -900.0, 310.0])
@@ -131,3 +132,23 @@ def test_the_page_states_the_tool_point_and_no_sphere(tmp_path, capsys):
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "Measured point in the frame of the flange" in page
     assert "from the sphere" not in page and "flange error" not in page
+
+
+def test_a_quaternion_in_front_of_the_flange_position_is_the_flange_rotation(tmp_path):
+    flange, seen = made()
+    wxyz = Rotation.from_matrix(flange[:, :3, :3]).as_quat(scalar_first=True)
+    names = [f"J{k:03d}" for k in range(len(seen))]
+    files = [tmp_path / "robot.csv", tmp_path / "lt.csv"]
+    heads = [",qw,qx,qy,qz,x,y,z,k", ",pt,x,y,z"]
+    counts = np.arange(len(seen))[:, None]
+    tables = [
+        np.hstack([wxyz, flange[:, :3, 3] / 1000, 7.0 * counts]),
+        np.hstack([counts + 1.0, seen / 1000]),
+    ]
+    for path, head, rows in zip(files, heads, tables):
+        lines = [",".join([n, *(f"{v:.9f}" for v in row)]) for n, row in zip(names, rows)]
+        path.write_text("\n".join([head, *lines[::-1]] if path is files[0] else [head, *lines]))
+    found = find_mapping(files, ImportOptions(), tmp_path)
+    assert found.mapping.flange_rotation.columns == ("qw", "qx", "qy", "qz")
+    assert found.mapping.rotation is None and found.mapping.join.by == "key"
+    assert found.mapping.point.columns == ("lt: x", "lt: y", "lt: z")

@@ -215,15 +215,24 @@ def _classified(points, joints, measured_elsewhere: bool, table: RawTable):
     return measured, _best(flange, table, "flange_point")
 
 
-def _is_of(rotation_set: ColumnSet, flange_point: ColumnSet | None, table: RawTable) -> bool:
-    """Whether a rotation belongs to the flange's point: by the same words in front, or by its place without words."""
+def _is_of(rotation_set: ColumnSet, points, table: RawTable) -> bool:
+    """Whether a rotation belongs to the flange's point: by the same words in front, or by its place without words.
+
+    points: the measured point and the flange's, None for one that is not there.
+    """
+    point, flange_point = points
     if rotation_set.is_flange and not rotation_set.is_measured:
         return True
     if flange_point is None or rotation_set.words == flange_point.words:
         return flange_point is not None
+    if rotation_set.words:
+        return False
     names = list(table.columns)
-    follows = names.index(rotation_set.names[0]) == names.index(flange_point.names[-1]) + 1
-    return follows and not rotation_set.words
+    start, end = names.index(rotation_set.names[0]), names.index(rotation_set.names[-1])
+    follows = start == names.index(flange_point.names[-1]) + 1
+    precedes = end == names.index(flange_point.names[0]) - 1
+    is_measured = point is not None and start == names.index(point.names[-1]) + 1
+    return follows or (precedes and not is_measured)
 
 
 def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: Mapping):
@@ -231,9 +240,7 @@ def _rotations_of(points, rotations: list[ColumnSet], table: RawTable, stated: M
     point, flange_point = points
     rotation = flange_rotation = None
     if stated.rotation is None:
-        free = [
-            column_set for column_set in rotations if not _is_of(column_set, flange_point, table)
-        ]
+        free = [column_set for column_set in rotations if not _is_of(column_set, points, table)]
         rotation = _rotation_of(point, free, table, "rotation")
     if stated.flange_rotation is None:
         named = () if stated.rotation is None else stated.rotation.columns
