@@ -8,7 +8,7 @@ import numpy as np
 from sensors.hand_eye.checks.mistakes import Reading
 from sensors.hand_eye.checks.nouns import Nouns
 from sensors.hand_eye.checks.permutation import best_permutation, permuted, reassigned
-from sensors.hand_eye.checks.pose_data import Freedom, PoseData, PoseFit, kept_images
+from sensors.hand_eye.checks.pose_data import Freedom, PoseData, PoseFit
 from sensors.hand_eye.checks.pose_fit import approximate_misfit, fit_poses, refit
 from workbench.core.rigid import inverse
 
@@ -188,10 +188,10 @@ def outlying(recorded: PoseFit) -> np.ndarray:
 
 
 def outlier_alternative(data: PoseData, recorded: PoseFit) -> Iterator[Alternative]:
-    """The images that fit worst left out, at most a quarter of them: no mistake of all poses."""
+    """The images that fit worst left out, fewer than half of them: no mistake of all poses."""
     wrong = outlying(recorded)
     count = int(wrong.sum())
-    if not 0 < count <= data.count - kept_images(data.count):
+    if not 0 < 2 * count < data.count:
         return
     inner = PoseData(data.moved[~wrong], data.seen[:, ~wrong], data.corners)
     fit = fit_poses(inner, starts=[recorded.sensor[0]])

@@ -127,8 +127,7 @@ def review(
         fitted += further_alternatives(data) if further_alternatives is not None else ()
     best, others = _best_alternative(result, fitted, _arm(data, recorded))
     if best is not None and best.cause == OUTLIERS:  # the adjustment names them one by one
-        result = replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
-        best = None
+        return replace(result, outliers=tuple(np.flatnonzero(outlying(recorded)).tolist()))
     arm = _arm(data, recorded)
     if best is None:
         finding = _unexplained(result, data, arm, named.nouns)
@@ -183,10 +182,13 @@ def _is_near(reviewed, alternative: Alternative, arm: float) -> bool:
 def _is_named(reviewed, alternative: Alternative, arm: float) -> bool:
     """A mistake undone may leave a rest; added parameters, which fit a part of anything, may not.
 
-    Where the data as recorded scatter no more than a plausible arm, replacing them names the arm's own errors.
+    Where the data as recorded scatter no more than a plausible arm, replacing them names the arm's own errors. Rows
+    left out may leave a scatter that would not be reported by itself.
     """
     if alternative.extra == 0:
         return alternative.recorded(reviewed) > arm
+    if alternative.cause == OUTLIERS:
+        return alternative.misfit <= max(_NOISY * reviewed.expected_mm, _UNEXPLAINED * arm)
     return _is_near(reviewed, alternative, arm)
 
 

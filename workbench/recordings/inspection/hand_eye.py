@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from datasets.recording import Recording
+from sensors.hand_eye.checks.nouns import BOARD_IMAGES, TARGET_POSES, Nouns
 from sensors.hand_eye.checks.relative_motions import (
     EQUAL_REMEDY,
     RelativeMotions,
@@ -71,7 +72,7 @@ def inspect_target_poses(recording: Recording) -> HandEyePlausibility:
     except InputError as problem:
         return HandEyePlausibility(((str(problem).rstrip("."), "correct the recording", True),))
     review = review_target_poses(poses.flange, poses.data, kind, names)
-    found = [*_rotations(poses.flange, kind), *_outliers(review, names)]
+    found = [*_rotations(poses.flange, kind), *_outliers(review, names, TARGET_POSES)]
     findings = (*found, *(_finding(finding) for finding in review.findings))
     return HandEyePlausibility(findings)
 
@@ -136,10 +137,10 @@ def _with_camera(recording, detection, linked, early, progress) -> HandEyePlausi
     return HandEyePlausibility(tuple(found), motions)
 
 
-def _outliers(review, names: Sequence[str]) -> Iterator[tuple]:
+def _outliers(review, names: Sequence[str], nouns: Nouns = BOARD_IMAGES) -> Iterator[tuple]:
     from sensors.hand_eye.checks.outlier_message import outlier_sentence
 
-    sentence = outlier_sentence(review, names)
+    sentence = outlier_sentence(review, names, nouns)
     if sentence is not None:
         statement, _, action = sentence.rpartition("; ")
         yield statement, action, False
