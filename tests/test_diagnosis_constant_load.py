@@ -2,13 +2,20 @@
 
 import pytest
 
+import datasets
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded
 from workbench.core.model import STATE_PORTS
 from workbench.diagnosis.levels import UNMODELLED_LEVEL
 from workbench.diagnosis.linear.problem import Finding
 from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.search.constant_load import _gain, _solved_with
+from workbench.diagnosis.search.constant_load import (
+    UNSTATED_LOAD,
+    _gain,
+    _solved_with,
+    unstated_load,
+)
+from workbench.diagnosis.search.findings import finding
 from workbench.diagnosis.search.select import find
 from workbench.diagnosis.search.state import Search
 from workbench.diagnosis.validation.proof import _retained_terms
@@ -93,3 +100,26 @@ def test_constant_loads_are_those_that_act_through_compliances_alone():
     bench = bench_of(recorded(1))
     assert {load.effect.effect for load in bench.constant_loads} == {"payload", "mount-tilt"}
     assert all(load.effect.port in STATE_PORTS for load in bench.constant_loads)
+
+
+def _with_compliances(bench):
+    """A search that has accepted the compliances of joints 2 and 3."""
+    search = Search(bench, None, UNMODELLED_LEVEL, lambda line: None)
+    search.solve()
+    table = {h.where: h for h in search.full_table(()) if h.effect == "joint-compliance"}
+    search.accepted = (table["joint-2"], table["joint-3"])
+    search.solve()
+    return search
+
+
+def test_a_load_that_is_not_recorded_is_an_alternative_where_the_poses_do_not_distinguish_it():
+    """Its torque about a joint is nearly that of the links; next to recorded loads it is not."""
+    laws = [CATALOGUE["joint-compliance"](where) for where in COMPLIANCES]
+    search = _with_compliances(bench_of(recorded(2, laws, list(COMPLIANCES.values()))))
+    for i in search.accepted_indices:
+        load = unstated_load(search, i)
+        assert (load.effect, load.where, load.why) == ("payload", "tool", UNSTATED_LOAD)
+        assert load.squared_correlation > 0.9 and load.probability < 0.05
+    assert finding(search, 0).alternatives[-1] == unstated_load(search, 0)
+    with_loads = _with_compliances(bench_of(datasets.read("elastic-arm")))
+    assert not any(unstated_load(with_loads, i) for i in with_loads.accepted_indices)

@@ -21,7 +21,7 @@ from workbench.diagnosis.validation.correlated_noise import (
 )
 from workbench.diagnosis.validation.terms import Proof, Term
 from workbench.explanation.answer import diagnose
-from workbench.explanation.final_model import FinalModel
+from workbench.explanation.final_model import FinalModel, residual_covariances
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.sentences.statements import statement
 from workbench.fitting.verdicts.diagnosis_verdict import check_diagnosis
@@ -207,3 +207,9 @@ def test_the_statement_names_both_places_of_such_a_function():
     assert made.probability == 0.5 and made.alternatives[0].where == "link-3"
     said = statement(Term(made, size=0.2), "the reflector", "mm")
     assert "No pose distinguishes link 2 and link 3 as its place" in said
+
+
+def test_residuals_of_a_fit_without_a_determined_direction_have_the_covariance_of_the_noise():
+    """Of a few equal poses nothing is determined; the diagnosis ended with an error."""
+    fit = SimpleNamespace(n=4, sample=np.tile(np.arange(4), 3), full_basis=np.zeros((12, 0)))
+    np.testing.assert_array_equal(residual_covariances(fit), np.tile(np.eye(3), (4, 1, 1)))

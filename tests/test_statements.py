@@ -1,11 +1,13 @@
 """Sentences of findings."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
 from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.diagnosis.robot.mass_responses import LABEL
+from workbench.diagnosis.search.constant_load import UNSTATED_LOAD
 from workbench.explanation.reporter import with_numbered_samples
 from workbench.explanation.result import Term
 from workbench.explanation.sentences import statements
@@ -62,3 +64,7 @@ def test_moments_that_are_estimated_next_to_stated_masses_may_be_an_unrecorded_l
     assert "a load that is not recorded" in said and "weigh the tool" in said
     plain = Finding("joint-compliance", "joint-6", "", (), 1e-9, 1.0, 0.3, 40.0)
     assert "not recorded" not in statements.statement(Term(plain, size=0.03), "the ball", "mm")
+    load = Alternative("payload", "tool", "constant", 0.01, 0.98, UNSTATED_LOAD)
+    loaded = replace(plain, probability=0.9, alternatives=(load,))
+    said = statements.statement(Term(loaded, size=0.03), "the ball", "mm")
+    assert "If the tool carried a load that is not recorded" in said and "probability" not in said

@@ -258,7 +258,8 @@ def residual_covariances(problem) -> np.ndarray:
     Q (N, R): basis of the column space of the fit. All samples have m coordinates, in the order of `residuals_of`.
     """
     order = np.argsort(problem.sample, kind="stable")
-    basis = problem.full_basis[order].reshape(problem.n, -1, problem.full_basis.shape[1])
+    coordinates, rank = len(order) // problem.n, problem.full_basis.shape[1]
+    basis = problem.full_basis[order].reshape(problem.n, coordinates, rank)
     return np.eye(basis.shape[1]) - basis @ basis.swapaxes(1, 2)
 
 

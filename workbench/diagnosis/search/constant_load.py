@@ -11,11 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import expit
 
+from robot_model.effects.load import Payload
 from workbench.core.distributions import chi2
 from workbench.core.effect import Effect
 from workbench.core.least_squares.linear_algebra import least_squares
 from workbench.diagnosis.levels import (
+    CONFOUNDED_SHARE,
     LEAST_LOG_ODDS,
     MAX_ROUNDS,
     NEGLIGIBLE_SHARE,
@@ -26,7 +29,7 @@ from workbench.diagnosis.levels import (
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.evidence import Projected, log_null
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.linear.problem import Alternative, Problem
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
@@ -34,6 +37,11 @@ from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.prior import DEFLECTS
 from workbench.diagnosis.search.state import Search, name_of
 from workbench.diagnosis.search.stepwise import Stepwise
+
+UNSTATED_LOAD = (
+    "a smaller compliance that carries a load not recorded deflects alike in these poses; weigh the load, or measure "
+    "some poses again with a known additional load"
+)
 
 
 def accept_constant_loads(search: Search) -> None:
@@ -78,6 +86,33 @@ def prefer_stated_masses(search: Search) -> None:
         trial.solve_feasible()
         if len(trial.accepted) == len(terms) and _gain(search, trial) > LEAST_LOG_ODDS:
             _take_over(search, trial)
+
+
+def unstated_load(search: Search, i: int) -> Alternative | None:
+    """A constant load of the tool through which an accepted compliance makes what it makes without it; None where not.
+
+    A smaller compliance that carries such a load then measures the same as a larger one without it. The two do not
+    exclude one another: the probability is that of a load in addition to all that is accepted.
+    """
+    accepted = search.accepted[i]
+    loads = [o.effect for o in search.bench.constant_loads if o.effect.effect == Payload.effect]
+    has_load = any(h.effect == Payload.effect for h in search.accepted)
+    if not loads or has_load or not any(effect.mass_dependent for effect in accepted.effects):
+        return None
+    problem = search.problem.conditional_on(search.other_indices(i))
+    compliance = search.problem.values[i]
+    by_load = problem.columns_of(accepted.effects[0], loads[0]) @ compliance  # (C, N)
+    basis = problem.orthogonal_basis(by_load.T)
+    signature = problem.orthogonalise(search.problem.added[i] @ compliance)
+    shared = ((basis.T @ signature) ** 2).sum()
+    likeness = float(shared / max(signature @ signature, 1e-300))
+    if likeness < CONFOUNDED_SHARE:
+        return None
+    table = search.table(search.accepted_indices)
+    constant = (h for h in table if h.effect == Payload.effect and h.effects[0].after is None)
+    log_odds = max((h.log_weight for h in constant), default=-np.inf)
+    place = loads[0].effect, loads[0].where, "constant"
+    return Alternative(*place, float(expit(log_odds)), likeness, UNSTATED_LOAD)
 
 
 def _take_over(search: Search, trial: Search) -> None:

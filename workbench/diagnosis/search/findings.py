@@ -30,6 +30,7 @@ from workbench.diagnosis.search.compatible import (
     only_generalises,
     same_place,
 )
+from workbench.diagnosis.search.constant_load import unstated_load
 from workbench.diagnosis.search.instants import instant_of
 from workbench.diagnosis.search.options import option_of
 from workbench.diagnosis.search.posterior import EffectPosterior, is_law_of_function, odds_of_both
@@ -92,7 +93,13 @@ def finding(
         result = _with_unexplained_alternative(search, tested, result)
     further = (*_own_gravity(search, i, table), *_own_torque(search, i))
     further += _simpler_compliances(search, i, table, tested)
-    return _with_confounded_laws(result, further)
+    result = _with_confounded_laws(result, further)
+    load = unstated_load(search, i)
+    if load is None or (load.effect, load.where) in {
+        (a.effect, a.where) for a in result.alternatives
+    }:
+        return result
+    return replace(result, alternatives=(*result.alternatives, load))
 
 
 def _with_sets_of_both(

@@ -18,6 +18,7 @@ from workbench.diagnosis.robot.derived import DEFLECTION
 from workbench.diagnosis.robot.mass_responses import LABEL as ESTIMATED_MOMENTS
 from workbench.diagnosis.scanner.image_jitter import EFFECT as JITTER
 from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCAL_LENGTH
+from workbench.diagnosis.search.constant_load import UNSTATED_LOAD
 from workbench.diagnosis.search.findings import SAME_FUNCTION
 from workbench.explanation.noise.heavy_tails import EFFECT as HEAVY_TAILED
 from workbench.explanation.result import Term
@@ -128,11 +129,22 @@ def _cause(term: Term, tip: str, unit: str) -> str:
 def _masses(found: Finding) -> str:
     """Why the first moments of the links had to be estimated, although masses are stated; "" where they were not."""
     if not found.label.startswith(ESTIMATED_MOMENTS):
-        return ""
+        return _unstated_load(found)
     return (
         "The stated masses do not explain this deflection: masses or centres of mass in the robot file are wrong, or "
         "the tool carries a load that is not recorded. To distinguish them, weigh the tool with its load, or measure "
         "some of the poses again with a known additional load."
+    )
+
+
+def _unstated_load(found: Finding) -> str:
+    """That the compliance holds without a load that is not recorded, where the poses do not exclude one; else ""."""
+    if not any(alternative.why == UNSTATED_LOAD for alternative in found.alternatives):
+        return ""
+    return (
+        "If the tool carried a load that is not recorded, the compliance would be smaller: these poses do not "
+        "distinguish the two. Weigh the tool with its load, or measure some of the poses again with a known additional "
+        "load."
     )
 
 
@@ -351,7 +363,7 @@ def _uncertainty(found: Finding) -> str:
     others = [
         alternative
         for alternative in found.alternatives
-        if alternative.why not in (UNCONFIRMED, SAME_FUNCTION)
+        if alternative.why not in (UNCONFIRMED, SAME_FUNCTION, UNSTATED_LOAD)
     ]
     if not others or found.probability >= _CLEAR:
         return ""
