@@ -261,6 +261,22 @@ def link_lengths(robot: Robot, number: int) -> tuple[tuple[int, ...], np.ndarray
     return port_indices, lengths
 
 
+def growing_lengths(
+    robot: Robot, variables: np.ndarray, number: int
+) -> tuple[tuple[int, ...], np.ndarray]:
+    """Components of the geometry port by which link K (from 1) expands, and the lengths (k, n) that do (mm).
+
+    Those of `link_lengths`; and the travel of a slide from the zero of its reading, for its scale or screw expands.
+    variables (J, n): joint variables, rad (mm).
+    """
+    port_indices, nominal = link_lengths(robot, number)
+    lengths = np.repeat(nominal[:, None], variables.shape[1], 1)
+    if not robot.prismatic[number - 1]:
+        return port_indices, lengths
+    travel = variables[number - 1]
+    return (5 * (number - 1) + D, *port_indices), np.vstack([travel, lengths])
+
+
 def cross(a: np.ndarray, b: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
     """(..., 3, n) cross products along the axis before the last, in `out` where it is given."""
     if out is None:

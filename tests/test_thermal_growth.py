@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robot_model.effects import drift
-from scenes import model_of, observed, scene
+from scenes import SLIDING, model_of, observed, scene
+from workbench.core.covariates import REFERENCE_C
 from workbench.diagnosis.linear.hypotheses import ranked_hypotheses
 from workbench.diagnosis.robot.bench import bench_of
 from workbench.diagnosis.search.select import find
@@ -17,10 +18,15 @@ LINK = ("link-thermal-growth", "link-2")
 
 
 def warmed(
-    effect: str, where: str, per_kelvin: float, measures: str = "ball-centre", seed: int = 4
+    effect: str,
+    where: str,
+    per_kelvin: float,
+    measures: str = "ball-centre",
+    seed: int = 4,
+    **options,
 ):
     """A recording at 18 to 30 degrees Celsius of an arm or a sensor that grows."""
-    made = scene(measures, n=100, seed=seed)
+    made = scene(measures, n=100, seed=seed, **options)
     model = model_of(made, (effect, where, {}))
     truth = model.parameters.update({f"{where}.{effect}.per_unit": per_kelvin})
     points = observed(model, truth, np.random.default_rng(seed)).chain.measurement.measured
@@ -60,3 +66,17 @@ def test_an_expansion_that_no_material_has_raises_an_alarm(value, is_alarm):
     row = {"name": "per_unit", "label": "link 6's growth", "effect": LINK[0]}
     row |= {"unit": "1/K", "value": value, "std": 2e-5}
     assert bool(implausible_values([row], 0.1)) == is_alarm
+
+
+def test_the_screw_of_a_slide_expands_over_its_travel():
+    """The d of a slide is the zero of its reading; what grows with temperature is what the carriage has travelled."""
+    joints = [{**row, "a_mm": 0.0} if row.get("kind") else row for row in SLIDING["joint"]]
+    arm = SLIDING | {"joint": joints}
+    recording = warmed(*LINK, 2e-5, "external-point", arm=arm)
+    bench = bench_of(recording)
+    growth = drift.LinkThermalGrowth("link-2")
+    travel = bench.chain.state.variables[1]
+    degrees = recording.columns["temperature_c"] - REFERENCE_C
+    np.testing.assert_allclose(growth.basis(bench.chain.state)[0, 0], travel * degrees)
+    weights = evidence(recording)
+    assert max(weights, key=weights.get) == LINK

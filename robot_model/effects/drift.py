@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.chain import THETA, link_lengths
+from robot_model.chain import THETA, growing_lengths
 from robot_model.effects.extrapolation import change_after_recording
 from robot_model.effects.transmission import size_of, turning_joints
 from workbench.core.covariates import (
@@ -24,12 +24,15 @@ _MOVES_RAD = 0.2  # range of a joint below which no cycle is distinguishable
 
 
 class LinkThermalGrowth(Effect):
-    """A link grows with temperature, or with time where none was recorded."""
+    """A link grows with temperature, or with time where none was recorded.
+
+    The scale or the screw of a slide grows, too: its reading counts as a length from where it is zero.
+    """
 
     effect = "link-thermal-growth"
     port = "geometry"
     places = ("link",)
-    equation = "the lengths d, a of the link grow by c (T - T0) of them"
+    equation = "the lengths d, a of the link, and the travel of a slide, grow by c (T - T0) of them"
     source = "linear expansion"
     reads = ("temperature",)
     unrecorded = "temperature"
@@ -39,13 +42,13 @@ class LinkThermalGrowth(Effect):
         """At every link that has a length, with time where no temperature is recorded."""
         for growth in map(cls, chain.places("link")):
             limit_expansion(growth, chain.state, growth.column)
-            if link_lengths(chain.robot, growth.number)[1].any():
+            if growing_lengths(chain.robot, chain.state.variables, growth.number)[1].any():
                 yield Variant(
                     growth, missing_covariate=missing_temperature(chain.state, growth.column)
                 )
 
     def port_indices(self, chain):
-        return link_lengths(chain.robot, self.number)[0]
+        return growing_lengths(chain.robot, chain.state.variables, self.number)[0]
 
     def table(self, chain):
         unit, size, prior = warmth_sizes(chain.state, 1e-5, self.column)
@@ -54,8 +57,8 @@ class LinkThermalGrowth(Effect):
         )
 
     def basis(self, state):
-        lengths = link_lengths(state.robot, self.number)[1]
-        return (lengths[:, None] * warmth(state, self.column))[None]
+        lengths = growing_lengths(state.robot, state.variables, self.number)[1]
+        return (lengths * warmth(state, self.column))[None]
 
     def extrapolation(self, p, state, recorded=None):
         return change_after_recording(self, p, state, recorded)

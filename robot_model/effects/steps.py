@@ -5,7 +5,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from robot_model.chain import link_lengths
+from robot_model.chain import growing_lengths
 from robot_model.effects.extrapolation import change_after_recording, distance_beyond
 from workbench.core.covariates import clock, instant_format, instants_between
 from workbench.core.effect import Effect, Grid, Variant
@@ -273,10 +273,10 @@ class LinkWarmUp(WarmUpLaw, Effect):
 
     port = "geometry"
     places = ("link",)
-    equation = "the lengths d, a of the link grow by c (1 - exp(-(t - start) / T)) of them"
+    equation = "the lengths d, a of the link, and the travel of a slide, grow by c (1 - exp(-(t - start) / T)) of them"
 
     def port_indices(self, chain):
-        return link_lengths(chain.robot, self.number)[0]
+        return growing_lengths(chain.robot, chain.state.variables, self.number)[0]
 
     def table(self, chain):
         return (
@@ -284,8 +284,8 @@ class LinkWarmUp(WarmUpLaw, Effect):
         )
 
     def basis(self, state):
-        lengths = link_lengths(state.robot, self.number)[1]
-        return (lengths[:, None] * warm_up_progress(state, self.time_constant, self.start))[None]
+        lengths = growing_lengths(state.robot, state.variables, self.number)[1]
+        return (lengths * warm_up_progress(state, self.time_constant, self.start))[None]
 
 
 class BaseWarmUp(WarmUpLaw, Effect):
