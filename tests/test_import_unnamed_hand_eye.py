@@ -140,7 +140,7 @@ def test_equal_rotations_are_the_reason_why_no_reading_is_chosen(tmp_path):
         )
 
 
-def test_rotations_in_another_frame_than_the_positions_are_the_reason_of_the_refusal(tmp_path):
+def test_rotations_in_another_frame_than_the_positions_are_left_out_with_the_reason(tmp_path):
     rng = np.random.default_rng(5)
     turned = Rotation.random(20, rng)
     origins = rng.uniform(-0.5, 0.5, (20, 3))
@@ -154,7 +154,14 @@ def test_rotations_in_another_frame_than_the_positions_are_the_reason_of_the_ref
     )
     np.savetxt(tmp_path / "second.txt", np.hstack([numbers, points, angles]), "%.6f")
     files = [tmp_path / "first.txt", tmp_path / "second.txt"]
-    with pytest.raises(InputError, match="the rotations agree, and the positions scatter") as found:
-        import_recording(files, tmp_path / "out", ImportOptions())
-    assert "flange rotation vector in radians, m; target" in str(found.value)
+    made = import_recording(files, tmp_path / "out", ImportOptions())
+    assert made.recording.measures == "external-point" and made.fits[0].rms_mm < 0.05
+    (reason,) = made.suspicions
+    assert "the rotations agree, and the positions scatter by" in reason
+    assert "second: column 5" in reason and "are left out" in reason
+    again = import_recording(files, tmp_path / "again", ImportOptions(mapping=made.mapping))
+    assert np.allclose(again.recording.columns["x_mm"], points[:, 0], atol=1e-3)
+    stated = ImportOptions(mapping=Mapping(measures="target-pose"))
+    with pytest.raises(InputError, match="flange rotation vector in radians, m; target") as found:
+        import_recording(files, tmp_path / "stated", stated)
     assert "in radians, mm" in str(found.value)

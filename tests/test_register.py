@@ -118,3 +118,19 @@ def test_the_command_matches_points_by_name(workbench, tmp_path):
     ):
         done = workbench("register", "arm.csv", target)
         assert done.returncode == 2 and words in " ".join(done.stderr.split()), done.stderr
+
+
+def test_lists_without_headers_take_their_unit_from_the_command(workbench, tmp_path):
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(9, 3))
+    angles = rng.uniform(-3, 3, (9, 3))
+    np.savetxt(tmp_path / "robot.txt", np.hstack([points, angles]), "%.6f")
+    np.savetxt(tmp_path / "tracker.txt", np.hstack([np.arange(1, 10)[:, None], points + 2]), "%.6f")
+    done = workbench("register", "robot.txt", "tracker.txt")
+    assert done.returncode == 2 and "add --unit" in " ".join(done.stderr.split())
+    done = workbench("register", "robot.txt", "tracker.txt", "--unit", "m", "--json", "a.json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads((tmp_path / "a.json").read_text())
+    assert result["points"] == 9 and result["rms_mm"] < 0.01
+    done = workbench("register", "robot.txt", "tracker.txt", "--unit", "yd")
+    assert done.returncode == 2 and "found yd" in done.stderr

@@ -903,6 +903,7 @@ def register(
     source: DataFrame | ndarray | Path | str,
     target: DataFrame | ndarray | Path | str,
     nearest: bool = False,
+    unit: str | None = None,
     out: Path | str | None = None,
     no_report: bool = False,
 ) -> Result:
@@ -916,6 +917,7 @@ def register(
         source: Points to transform (CSV): x_mm, y_mm, z_mm, and their names in `point`.
         target: Points of the tracker (CSV), in the same columns.
         nearest: Match every point with the nearest one (ICP) instead of by name or row.
+        unit: Unit of coordinates that state none: mm, m, in or cm.
         out: Folder to write; default: a temporary one, which is removed with the result.
         no_report: Do not write a report page.
 

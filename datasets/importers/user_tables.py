@@ -46,6 +46,8 @@ _DECIMAL_COMMA = re.compile(r"\"[+-]?\d+,\d+\"")
 _REPEATED = re.compile(r"(.+) \(\d+\)")
 _HEAD_CHARACTERS = 100_000
 _MOSTLY = 0.5
+_WITHOUT_HEADER = re.compile(r"column \d+")
+_POINT_WIDTHS = (3, 6, 7)  # of a point, and of a pose with three angles or a quaternion
 _TOOL_WORDS = frozenset("tcp tool ee eef effector gripper werkzeug".split())
 
 
@@ -122,17 +124,23 @@ def _with_units(
     return columns, tuple((names[name], size) for name, size in joints)
 
 
-def read_named_points(path: Path, labels: Sequence[str]) -> Table:
+def read_named_points(path: Path, labels: Sequence[str], unit: str | None = None) -> Table:
     """Points (x_mm, y_mm, z_mm) and the first column that is one of `labels` or a name, as `labels[0]`.
 
-    Raises InputError with file, row and column.
+    unit: of coordinates whose unit neither header nor format states. Raises InputError with file, row and column.
     """
     if _is_native(path, POINT):
         return read_table(path, path.name, (*labels, "note"))
     raw = _one_table(path)
     _check_cells(raw)
     found = _mapping(raw, None)
-    columns = {} if found.flange_point is None else _positions(raw, found, takes_map=False)
+    if found.flange_point is None:
+        found = replace(found, flange_point=_point_without_header(raw))
+    columns = {}
+    if found.flange_point is not None:
+        group = found.flange_point
+        found = replace(found, flange_point=replace(group, unit=group.unit or unit))
+        columns = _positions(raw, found, takes_map=False)
     names = [name for name, cells in raw.columns.items() if cells.dtype.kind != "f"]
     name_column = next((name for name in raw.columns if name.lower() in labels), None) or next(
         iter(names), None
@@ -140,6 +148,17 @@ def read_named_points(path: Path, labels: Sequence[str]) -> Table:
     if name_column is not None:
         columns[labels[0]] = raw.columns[name_column].astype(str)
     return _table(raw, columns, found)
+
+
+def _point_without_header(raw: RawTable) -> Group | None:
+    """The position in a table without headers: its three columns of numbers, or the first three of a pose."""
+    names = [name for name, cells in raw.columns.items() if cells.dtype.kind == "f"]
+    if not names or not all(_WITHOUT_HEADER.fullmatch(name) for name in raw.columns):
+        return None
+    first = raw.columns[names[0]]
+    if (first == np.round(first)).all() and (np.diff(first) == 1).all():  # numbers of the rows
+        names = names[1:]
+    return Group(tuple(names[:3])) if len(names) in _POINT_WIDTHS else None
 
 
 def _is_native(path: Path, others: Sequence[str]) -> bool:
@@ -404,7 +423,7 @@ def _unit_question(
         f"{raw.file}, columns {', '.join(question.columns)}",
         f"a unit, which targets cannot be tested for ({question.units})",
         "none in the headers",
-        f'write it into a header, as in "{question.columns[0]} [{question.usual}]"{remedy}',
+        f'write it into a header, as in "{question.columns[0]} [{question.usual}]"{remedy or ", or add --unit"}',
     )
 
 

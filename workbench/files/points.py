@@ -11,13 +11,13 @@ from datasets.samples.columns import POINT
 LABEL = "point"
 
 
-def read_points(path: Path) -> tuple[list[str] | None, np.ndarray]:
+def read_points(path: Path, unit: str | None = None) -> tuple[list[str] | None, np.ndarray]:
     """Labels (column `point`; None where there is none) and (n, 3) mm of a table in any form that the import reads.
 
-    Raises InputError with file, row and column.
+    unit: of coordinates that state none; None asks for it. Raises InputError with file, row and column.
     """
     path = Path(path)
-    table = read_named_points(path, (LABEL,))
+    table = read_named_points(path, (LABEL,), unit)
     for name in POINT:
         if name not in table.columns:
             found = ", ".join(list(table.columns)[:6])

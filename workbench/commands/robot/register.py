@@ -16,6 +16,10 @@ Nearest = Annotated[
         "--nearest", help="Match every point with the nearest one (ICP) instead of by name or row."
     ),
 ]
+Unit = Annotated[
+    str | None,
+    typer.Option("--unit", help="Unit of coordinates that state none: mm, m, in or cm."),
+]
 _NO_RESIDUAL = "The agreement of two sets of points is stated; the noise of neither is known."
 
 
@@ -30,6 +34,7 @@ def command(
         Path, typer.Argument(help="Points of the tracker (CSV), in the same columns.")
     ],
     nearest: Nearest = False,
+    unit: Unit = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
     no_report: answer.NoReport = False,
@@ -42,11 +47,16 @@ def command(
     answer.check_target(json)
     runs.check_place(out)
     with answer.progress(f"reading {source}"):
+        from datasets.importers.units import LENGTHS
         from workbench.files.points import read_points
         from workbench.jobs.robot.register import register, save, suspicions
 
-        names, points = read_points(source)
-        other_names, others = read_points(target)
+        if unit is not None and unit not in LENGTHS:
+            raise InputError(
+                f"--unit: expected one of {', '.join(LENGTHS)}, found {unit}; correct it."
+            )
+        names, points = read_points(source, unit)
+        other_names, others = read_points(target, unit)
         rows = _corresponding(names, other_names, source, target) if not nearest else None
         others = others if rows is None else others[rows[1]]
         points = points if rows is None else points[rows[0]]

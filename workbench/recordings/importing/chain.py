@@ -22,7 +22,10 @@ from sensors.camera.model import Camera
 from workbench.core.errors import InputError
 from workbench.core.robot_files.robot_description import DESCRIPTIONS, file_and_tip
 from workbench.recordings.importing.ball_scans.ball_clouds import with_ball_centres
-from workbench.recordings.importing.ball_scans.centre_tables import import_centres
+from workbench.recordings.importing.ball_scans.centre_tables import (
+    import_centres,
+    import_positions_alone,
+)
 from workbench.recordings.importing.ball_scans.profile_tables import import_profiles
 from workbench.recordings.importing.ball_scans.surface_scans import (
     import_scans,
@@ -40,7 +43,7 @@ from workbench.recordings.importing.robots import read_artefact
 from workbench.recordings.importing.sessions import import_sessions
 from workbench.recordings.importing.sources.finding import Found, find_mapping, is_mapped
 from workbench.recordings.importing.sources.timed_join import ClockDecision, OffsetMode
-from workbench.recordings.importing.target_poses.tables import import_target_poses
+from workbench.recordings.importing.target_poses.tables import UnexplainedPoses, import_target_poses
 from workbench.recordings.importing.user_columns import in_user_columns
 from workbench.recordings.inspection.needs import coverage_needs
 
@@ -222,10 +225,15 @@ def _with_certified_radius(found: Found, options):
 
 def _made_of_table(found: Found, options, progress) -> Made:
     """The recording of tables alone. Raises InputError."""
-    for make in (import_target_poses, import_centres):
-        made = make(found, options, progress)
-        if made is not None:
-            return made
+    try:
+        made = import_target_poses(found, options, progress)
+    except UnexplainedPoses as problem:
+        made = import_positions_alone(found, options, progress, problem.reason)
+        if made is None:
+            raise
+    made = made or import_centres(found, options, progress)
+    if made is not None:
+        return made
     if found.sessions:
         return import_sessions(found, options, progress)
     return import_table(found, options, progress)

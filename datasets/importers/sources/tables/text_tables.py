@@ -44,6 +44,7 @@ _EMPTY = {
 _BRACKETED = re.compile(r"\[[^\]]*\]|\([^)]*\)|<[^>]*>")
 _TIME_FORMAT = re.compile(r"[dtmyhs]{1,4}([.:/ -]+[dtmyhs]{1,4})+(\.[sf0]+)?", re.IGNORECASE)
 _FEWEST_COLUMNS = 2
+_POINT_WIDTH = 3  # columns of a point
 _MARKLESS_BYTES, _MOSTLY = 4096, 0.8
 _EUROPEAN = ("cp1252", "cp1250")
 """Encodings with one byte for a character: of the west of Europe, which is the usual one, and of its middle."""
@@ -116,11 +117,13 @@ def names_from_rows(
 def names_without_header(path: Path, width: int) -> list[str]:
     """Names of the columns of a file without header: by its own name where that says what it holds, else by number.
 
-    "measured_joints.txt" holds "measured_joints 1", "measured_joints 2", ...
+    "measured_joints.txt" holds "measured_joints 1", "measured_joints 2", ... One letter says nothing, and neither does
+    the name of a point for columns that are not three.
     """
     stem = re.sub(r"[\s_-]*\d+$", "", path.stem)
     names = [f"{stem} {k + 1}" for k in range(width)]
-    is_known = all(read_header(name).kind in ("joint", "numbered", "qindex") for name in names)
+    kinds = ("joint", "numbered", "qindex") if width == _POINT_WIDTH else ("joint", "qindex")
+    is_known = len(stem) > 1 and all(read_header(name).kind in kinds for name in names)
     return names if is_known else [f"column {k + 1}" for k in range(width)]
 
 

@@ -92,6 +92,26 @@ def import_centres(found, options, progress) -> Made | None:
     )
 
 
+def import_positions_alone(found, options, progress, reason: str) -> Made | None:
+    """Flange poses and the positions of a target whose rotations do not fit; None where the positions do not, either.
+
+    reason: what in the poses of the target disagrees. Raises as `import_centres`.
+    """
+    if options.mapping.measures is not None:
+        return None
+    rotations = ", ".join(found.mapping.rotation.columns)
+    mapping = replace(found.mapping, measures=None, rotation=None)
+    made = import_centres(replace(found, mapping=mapping), options, progress)
+    if made is None:
+        return None
+    sentence = (
+        f"{found.table.file}: the poses of the target do not fit the flange poses ({reason}), and their positions "
+        f"alone fit with {made.fits[0].rms_mm:.3g} mm. The positions are read as measured points and the rotations "
+        f"({rotations}) are left out: find out which frame they belong to before you use them."
+    )
+    return made.with_suspicions((sentence,))
+
+
 def _compared(rows, mapping: Mapping, kinds):
     """Readings of flange poses and points, and index and fit of each that was compared, the most probable first.
 

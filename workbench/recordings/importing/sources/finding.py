@@ -19,11 +19,15 @@ from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions
 from workbench.recordings.importing.sources.header_problems import header_error
 from workbench.recordings.importing.sources.named_joints import with_named_joints
+from workbench.recordings.importing.sources.no_joints import refuse_point_lists
 from workbench.recordings.importing.sources.point_files import with_point_files
 from workbench.recordings.importing.sources.timed_join import TimedJoin
 from workbench.recordings.importing.sources.touches import with_touches
 from workbench.recordings.importing.target_poses.centre_layouts import pose_and_centre
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
+
+_OF_POSITIONS = ("external-point", "ball-centre")
+"""Kinds of flange poses with the positions of a target alone, in the columns of two sets of poses."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,8 @@ def find_mapping(
         touches = None
     if touches is not None:
         return Found(source, *touches, (), (*warnings, *touches[0].warnings))
+    if is_plain and (options.robot or mapping.robot) is None and mapping == Mapping():
+        refuse_point_lists(source.tables)
     if source.images:
         source, notes = joined_image_sessions(source)
         warnings = (*warnings, *notes)
@@ -115,7 +121,9 @@ def find_mapping(
 def _may_be_target_poses(options) -> bool:
     """Whether the user says nothing that speaks against flange poses and target poses."""
     named = options.robot or options.mapping.robot or options.ball_radius_mm or options.board
-    return not named and options.mapping.measures in (None, "target-pose")
+    mapping = options.mapping
+    is_of_positions = mapping.flange_point is not None and mapping.measures in _OF_POSITIONS
+    return not named and (is_of_positions or mapping.measures in (None, "target-pose"))
 
 
 def _found_in(source: Source, tables: Sequence[RawTable], options) -> Found:

@@ -27,6 +27,15 @@ from workbench.recordings.importing.target_poses.readings import (
     usual_readings,
 )
 
+
+class UnexplainedPoses(InputError):
+    """Poses that fit under no reading, and no mistake explains why; `reason`: what in them disagrees."""
+
+    def __init__(self, sentence: str, reason: str):
+        super().__init__(sentence)
+        self.reason = reason
+
+
 _FEWEST = 4
 _GAP_DEG = 1.0  # more than an arm of any quality makes
 _KINDS = ("target-pose", "external-pose", "external-point", None)
@@ -39,8 +48,8 @@ _REMEDY = (
 def import_target_poses(found, options, progress) -> Made | None:
     """Recording, mapping and fits of flange poses and target poses in one table; None for any other table.
 
-    found, options: as of `import_table`. Raises InputError where no reading fits, or where several fit and nobody can
-    be asked.
+    found, options: as of `import_table`. Raises InputError where no reading fits, `UnexplainedPoses` where nothing
+    explains it, and where several fit and nobody can be asked.
     """
     mapping = found.mapping
     groups = (mapping.flange_point, mapping.flange_rotation, mapping.point, mapping.rotation)
@@ -87,11 +96,14 @@ def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None
     if not usual:
         return
     closest = most_consistent(usual[0], readings, rows)
-    raise InputError(
+    review = _review(closest)
+    is_explained = review.certain and review.findings[0].cause != UNEXPLAINED
+    reason = review.sentences[0] if is_explained else _disagreement(closest, review)
+    sentence = (
         f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found "
-        f"none under any reading. Read as {closest.title}: {_disagreement(closest)}; {_REMEDY}, or repeat with "
-        "--trust-data."
+        f"none under any reading. Read as {closest.title}: {reason}; {_REMEDY}, or repeat with --trust-data."
     )
+    raise InputError(sentence) if is_explained else UnexplainedPoses(sentence, reason)
 
 
 def _refuse_explained(rows: RawTable, close: list[TargetReading]) -> None:
@@ -113,11 +125,8 @@ def _refuse_explained(rows: RawTable, close: list[TargetReading]) -> None:
     )
 
 
-def _disagreement(reading: TargetReading) -> str:
-    """The mistake that explains the poses, or what in them disagrees."""
-    review = _review(reading)
-    if review.certain and review.findings[0].cause != UNEXPLAINED:
-        return review.sentences[0]
+def _disagreement(reading: TargetReading, review) -> str:
+    """What in poses that no mistake explains disagrees."""
     gap = rotation_disagreement(reading.poses.data, review.fit.labels)
     if gap > _GAP_DEG:
         words = "flange and target rotate by different angles between the same two poses"
