@@ -6,6 +6,7 @@ nearest row.
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -29,6 +30,7 @@ from datasets.importers.mapping.joined_tables.time_stamps import times_of
 from datasets.importers.mapping.model import Join
 from datasets.importers.source import RawTable
 
+_PAIR = 2  # tables, whose columns are named when they are joined
 _GAP = 5.0
 _MANY_TIMES = 3  # as many rows has a log of the motion, at least; one of poses has hardly more than the other table
 _LEAST_GAP_S = 0.5
@@ -53,6 +55,8 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
 
     Raises InputError where nothing says which rows belong together.
     """
+    if len(tables) > _PAIR:
+        tables = _all_with_own_names(tables)
     joined, used, warnings = tables[0], join, []
     for table in tables[1:]:
         shorter, longer = (joined, table) if joined.n <= table.n else (table, joined)
@@ -62,6 +66,7 @@ def join_tables(tables: Sequence[RawTable], join: Join) -> tuple[RawTable, Join,
             joined, sentences = _by_index(shorter, longer)
             warnings += sentences
             warnings += [] if join.by else unused_names(shorter, longer)
+            warnings += [] if join.by else _order_sentences(shorter, longer)
         elif used.by == "key":
             joined, sentences = _by_key(shorter, longer, used)
             warnings += sentences
@@ -77,6 +82,15 @@ def with_own_names(first: RawTable, second: RawTable) -> tuple[RawTable, RawTabl
     if any(map(_WITHOUT_HEADER.fullmatch, shared)):
         shared |= {*filter(_WITHOUT_HEADER.fullmatch, (*first.columns, *second.columns))}
     return _prefixed(first, shared, "1"), _prefixed(second, shared, "2")
+
+
+def _all_with_own_names(tables: Sequence[RawTable]) -> list[RawTable]:
+    """Three tables or more with the stem of the file in front of columns that several have, as `with_own_names`."""
+    counts = Counter(name for table in tables for name in table.columns)
+    shared = {name for name, count in counts.items() if count > 1}
+    if any(map(_WITHOUT_HEADER.fullmatch, shared)):
+        shared |= set(filter(_WITHOUT_HEADER.fullmatch, counts))
+    return [_prefixed(table, shared, str(k)) for k, table in enumerate(tables, 1)]
 
 
 def _prefixed(table: RawTable, shared: set[str], number: str) -> RawTable:
@@ -150,6 +164,30 @@ def _by_index(shorter: RawTable, longer: RawTable) -> tuple[RawTable, tuple[str,
             "remove the surplus rows or join by key or time",
         )
     return _side_by_side(shorter, longer), sentences
+
+
+def _order_sentences(shorter: RawTable, longer: RawTable) -> list[str]:
+    """What times in both tables say about rows that are joined by their order: the difference of two time zones, or
+    times that another order would have."""
+    first, second = seconds_of(shorter), seconds_of(longer)
+    if first is None or second is None or len(first) != len(second) or len(first) <= _PAIR:
+        return []
+    if not (np.isfinite(first).all() and np.isfinite(second).all()):
+        return []
+    late = first - second
+    offset = float(np.median(late))
+    interval = float(np.median(np.abs(np.diff(second))))
+    zone = _QUARTER_S * round(offset / _QUARTER_S)
+    is_displaced = np.abs(late - offset) > interval
+    if is_displaced.any():
+        return [
+            f"{shorter.file} and {longer.file}: rows are joined by their order, but their times, which differ by "
+            f"{offset:.3g} s in the median, differ otherwise by more than the interval of the rows ({interval:.3g} s) "
+            f"in {int(is_displaced.sum())} of {len(late)} rows. If the order is wrong, write [join] "
+            'by = "time" into a mapping file for --map.'
+        ]
+    is_zone = zone and abs(zone) <= _MOST_ZONE_S and abs(offset - zone) <= interval
+    return [zone_sentence(shorter, longer, -zone)] if is_zone else []
 
 
 def _side_by_side(shorter: RawTable, longer: RawTable) -> RawTable:
