@@ -17,6 +17,11 @@ from workbench.core.least_squares.linear_algebra import inverse_positive, solve_
 _STEPS, _SETTLE = 40, 8
 # rounds of the variances, and by which part of them they may still change
 _ROUNDS, _CONVERGED = 6, 0.05
+_LEAST_LEFT = 0.5
+"""Share of the points with a weight that keep one in a step of the fit; a longer step is halved."""
+_HALVINGS = 12
+_CONVERGED_STEP = 3e-3
+"""Standard deviations, of a step below which the fit ends."""
 
 
 @dataclass(frozen=True)
@@ -211,13 +216,17 @@ def _solve(problem, solved, loss, shared, ordered):
             lasting = memory(whitened[keep & (weight > 0)]) if ordered and iteration > 0 else 1.0
         weight = keep * weight / (scale**2 * lasting)
         normal = _normal(linear, problem.size, by_error, weight, shared.labels, k)
-        move, errors = _move(normal, shared.covariance)
-        values = values.copy()
-        values[: problem.size] += move
-        linear = linearise(problem, values)
-        keep = keep & np.isfinite(linear.residual)
+        move = _move(normal, shared.covariance)
         step = float(np.sqrt(move @ normal.ball @ move))
-        if step < 3e-3 and iteration > 1:
+        for _ in range(_HALVINGS):
+            moved = _moved(problem, values, move)
+            errors = _errors(normal, shared.covariance, move)
+            if _counts_on(moved, by_error, errors, shared.labels, loss, scale, weight):
+                break
+            move = move / 2
+        values, linear = moved
+        keep = keep & np.isfinite(linear.residual)
+        if step < _CONVERGED_STEP and iteration > 1:
             break
     whitened = linear.residual / linear.sigma - _shift(by_error, errors, shared.labels)
     with_errors = Solved(values, scale, keep, linear, whitened, step)
@@ -268,12 +277,35 @@ def _inner(normal, covariance):
 
 
 def _move(normal, covariance):
-    """Step (p,) of the ball, and errors (kG,) of the groups."""
+    """Step (p,) of the ball."""
     inner = _inner(normal, covariance)
     schur = normal.ball - normal.ball_by_groups @ inner @ normal.ball_by_groups.T
     pull = normal.pull - normal.ball_by_groups @ inner @ normal.pull_groups
-    move = solve_positive(schur, pull)
-    return move, inner @ (normal.pull_groups - normal.ball_by_groups.T @ move)
+    return solve_positive(schur, pull)
+
+
+def _errors(normal, covariance, move):
+    """Errors (kG,) of the groups after a step (p,) of the ball."""
+    return _inner(normal, covariance) @ (normal.pull_groups - normal.ball_by_groups.T @ move)
+
+
+def _moved(problem, values, move) -> tuple[np.ndarray, Linear]:
+    """Centre and radius after a step (p,), and the residuals there."""
+    values = values.copy()
+    values[: problem.size] += move
+    return values, linearise(problem, values)
+
+
+def _counts_on(moved, by_error, errors, labels, loss: Loss, scale: float, weight) -> bool:
+    """Whether after a step most of the points still have a weight that had one before it.
+
+    A step along a direction that few stripes hardly determine may be longer than the linearisation is valid, and a
+    redescending loss does not bring back the points that it leaves.
+    """
+    linear = moved[1]
+    whitened = linear.residual / linear.sigma - _shift(by_error, errors, labels)
+    counted = np.isfinite(whitened) & (loss(whitened / scale)[0] > 0)
+    return counted[weight > 0].sum() >= _LEAST_LEFT * (weight > 0).sum()
 
 
 def _covariance(problem, solved, by_error, loss, shared, lasting):
