@@ -17,6 +17,7 @@ from datasets.importers.sources.programs import joint_lists, robot_programs, yas
 from datasets.importers.sources.tables import axis_reports, excel, text_tables
 from datasets.importers.sources.tables.line_blocks import read_line_blocks
 from datasets.importers.sources.tables.reshaped import one_row_per_sample
+from datasets.importers.sources.tables.sections import with_second_section
 from datasets.importers.sources.tables.summary_rows import without_summary_rows
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
@@ -108,7 +109,7 @@ def _read_file(path: Path, scratch: Path) -> Source:
             return Source(tables=tuple(joint_lists.read_joint_lists(path)))
         if axis_reports.is_axis_report(path):
             return Source(tables=tuple(axis_reports.read_axis_report(path)))
-        return Source(tables=(_text_table(path),))
+        return Source(tables=with_second_section(path, _text_table(path)))
     return _read_unknown(path, suffix)
 
 

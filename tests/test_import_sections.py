@@ -1,0 +1,57 @@
+"""Two lists of different width in one text file: poses of a robot, and below them points of an instrument."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from datasets.importers.sources import read_sources
+from workbench.recordings.importing import ImportOptions
+from workbench.recordings.importing.sources.finding import find_mapping
+
+ROWS = 12
+
+
+def lists():
+    """Lines of poses and of points of a reflector on the flange, as a controller and an instrument print them."""
+    rng = np.random.default_rng(9)
+    turned = Rotation.from_rotvec(rng.normal(size=(ROWS, 3)) * 0.5 + [np.pi, 0, 0])
+    flange = rng.uniform([500, -700, 300], [1300, 700, 1100], (ROWS, 3))
+    base = Rotation.from_euler("xyz", [2, -3, 71], degrees=True)
+    points = base.apply(flange + turned.apply([104.0, -30, 215])) + [1200.0, 300, 40]
+    poses = [
+        f"Print{k}=[{p[0]:.2f},{p[1]:.2f},{p[2]:.2f}],[{','.join(f'{v:.6f}' for v in q)}]"
+        for k, (p, q) in enumerate(zip(flange, turned.as_quat(scalar_first=True)), 1)
+    ]
+    return poses, [f"P{k}=[{','.join(f'{v:.5f}' for v in p)}]" for k, p in enumerate(points, 1)]
+
+
+def written(folder, *blocks):
+    path = folder / "Data.txt"
+    path.write_text("\n".join(line for block in blocks for line in block) + "\n")
+    return path
+
+
+def test_the_list_below_is_a_table_of_its_own(tmp_path):
+    poses, points = lists()
+    errors = [f"[{k * 0.01:.4f} 0.2 0.3 0.]" for k in range(ROWS)]
+    head = ["*** Calibration off-line ***", "started: 2023-04-18 17:42", "", "Robot input:", ""]
+    blocks = (
+        head,
+        poses,
+        ["", "Calibration input:", "", *points, ""],
+        ["Errors (X, Y, Z, R):", *errors],
+    )
+    path = written(tmp_path, *blocks)
+    found = find_mapping([path], ImportOptions(), tmp_path)
+    assert found.table.n == ROWS and found.mapping.flange_rotation is not None
+    seen = found.table.columns[found.mapping.point.columns[0]]
+    assert np.allclose(seen, [float(line.split("[")[1].split(",")[0]) for line in points])
+    assert any("the lines after row 32" in text for text in found.warnings)
+    tables = read_sources([path], tmp_path).tables
+    assert [table.lines[0] for table in tables] == [6, 21]
+
+
+def test_a_summary_or_fewer_rows_are_no_second_table(tmp_path):
+    poses, points = lists()
+    path = written(tmp_path, poses, ["", "Result:", *points[:4]])
+    (table,) = read_sources([path], tmp_path).tables
+    assert table.n == ROWS and "after the table are not read" in table.warnings[0]
