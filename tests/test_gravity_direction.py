@@ -181,3 +181,13 @@ def test_an_arm_whose_bearings_tilt_is_on_no_wall(has_masses, monkeypatch):
 
     monkeypatch.setattr(gravity_direction._Deflections, "held_out", imitating)
     assert gravity_direction.find_gravity(robot, samples, fit) is None
+
+
+def test_mean_squares_of_exact_data_are_not_negative():
+    """The residual and a deflection cancel but for rounding; the root of the mean was no number."""
+    cancelling = np.outer([1.0, -1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0])
+    trained = np.stack([cancelling, cancelling])
+    tested = trained.copy()
+    tested[:, 0, 0] -= 1e-12
+    forms = gravity_direction._Deflections(cancelling, trained, tested)
+    np.testing.assert_array_equal(forms.held_out(np.eye(3)[0]), 0.0)

@@ -215,7 +215,8 @@ class _Deflections:
         """
         directions = np.broadcast_to(direction, (len(self.trained), 3))
         moves = [_with_compliances(*pair, is_signed) for pair in zip(self.trained, directions)]
-        return np.array([move @ form @ move for move, form in zip(moves, self.tested)])
+        squares = np.array([move @ form @ move for move, form in zip(moves, self.tested)])
+        return np.maximum(squares, 0.0)  # of exact data, rounding may leave less than nothing
 
 
 def _squares(form: np.ndarray, direction: np.ndarray) -> float:
