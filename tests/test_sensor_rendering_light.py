@@ -134,3 +134,14 @@ def test_a_lit_ball_throws_light_onto_its_neighbour_and_none_onto_itself():
 
     assert np.abs(gain([lit])).max() < 3
     assert gain([lit, neighbour]).max() > 100
+
+
+def test_the_edge_of_a_board_out_of_focus_has_no_sharp_line():
+    """The steepest step over the edge is that of a Gaussian of the board's blur; a sharp pixel would be steeper."""
+    optics = Optics(blur_px=0.6, focus_mm=280.0, defocus_px=4.0)
+    made = instrument(optics=optics, lamp=Lamp(background=0.0))
+    pose = np.array([45.0, -10.0, FACING[2], 0, 0, 0])
+    row = lamp_light(made, [board(pose=pose)], 0.7).cpu().numpy()[120]
+    steepest = np.diff(row).max() / row.max()
+    sigma = float(optics.sigma(FACING[2]))
+    assert sigma > 3.5 and steepest < 1.2 / (sigma * np.sqrt(2 * np.pi))

@@ -96,7 +96,7 @@ def lamp_light(
     value.ravel()[flat] = (
         _lamp(instrument, surfaces, inner, oversampling).reshape(len(flat), oversampling**2).mean(1)
     )
-    depth = seen.points[2].reshape(corners.shape)[:-1, :-1]
+    depth = _nearest_depth(seen.points[2].reshape(corners.shape))
     known = np.nan_to_num(depth, nan=instrument.optics.focus_mm)
     sigma = torch.as_tensor(
         instrument.optics.sigma(known), dtype=torch.float32, device=formation.device()
@@ -104,6 +104,15 @@ def lamp_light(
     light = torch.as_tensor(value, dtype=torch.float32, device=formation.device())
     light = light * (level * instrument.chip.full_well_e)
     return canvas.crop(formation.defocus(light, sigma)).contiguous()
+
+
+def _nearest_depth(depth):
+    """(H, W) mm of pixels from those at their corners (H + 1, W + 1): the nearest of four; nan where none sees any.
+
+    A pixel at the edge of a surface has its light, and so its blur; without it, an edge is a sharp line.
+    """
+    rows = np.fmin(depth[:-1], depth[1:])
+    return np.fmin(rows[:, :-1], rows[:, 1:])
 
 
 def _corners(instrument, surfaces, canvas, moment):

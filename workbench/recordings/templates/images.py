@@ -32,6 +32,9 @@ fy_px = 749.3
 cx_px = 241.4
 cy_px = 188.2
 distortion = [-0.15, 0.1, 0.0004, -0.0006, 0.0]
+[lens]
+focus_mm = 310.0
+defocus_px = 2.0
 [board]
 kind = "chessboard"
 columns = 9
