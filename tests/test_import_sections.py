@@ -55,3 +55,19 @@ def test_a_summary_or_fewer_rows_are_no_second_table(tmp_path):
     path = written(tmp_path, poses, ["", "Result:", *points[:4]])
     (table,) = read_sources([path], tmp_path).tables
     assert table.n == ROWS and "after the table are not read" in table.warnings[0]
+
+
+def test_blocks_of_lines_with_labels_of_any_script(tmp_path):
+    """A program prints each pose in several lines, with a title and the number of poses above them."""
+    lines = ["TCP 雷射校正數據", "=" * 40, "測量點數量: 4", ""]
+    for k in range(4):
+        lines += [
+            f"測量點 {k + 1}: 姿態 - 傾斜45度",
+            f"  法蘭座標: [{k}.5, -2, 3, 179.9, 0.1, {k}]",
+        ]
+        lines += [f"  關節角度: [{k}.25, 2, 3, 4, 5, 6]", "  雷射狀態: X=True, Y=True", ""]
+    path = tmp_path / "tcp.txt"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    (table,) = read_sources([path], tmp_path).tables
+    assert table.n == 4 and list(table.columns["法蘭座標 1"]) == [0.5, 1.5, 2.5, 3.5]
+    assert list(table.columns["關節角度 1"]) == [0.25, 1.25, 2.25, 3.25] and not table.warnings

@@ -8,6 +8,7 @@ The labels repeat in one order; each block is a row, and the numbers of a line a
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
@@ -20,8 +21,8 @@ from datasets.importers.units import is_unit
 
 _NUMBER = r"[+-]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
 _LINE = re.compile(
-    rf"[^A-Za-z\n]{{0,20}}(?P<label>[A-Za-z][^\n]{{0,80}}?)"
-    rf"(?:\s{{0,9}}[:=,;]\s{{0,9}}|\s{{1,20}})[\[({{]?\s{{0,9}}"
+    rf"(?:(?!\n)[\W\d_]){{0,20}}(?P<label>[^\W\d_][^\n]{{0,80}}?)"
+    rf"(?:\s{{0,9}}[:=,;：]\s{{0,9}}|\s{{1,20}})[\[({{]?\s{{0,9}}"
     rf"(?P<numbers>{_NUMBER}(?:(?:\s{{0,9}}[,;]\s{{0,9}}|\s{{1,9}}){_NUMBER}){{0,30}})"
     rf"\s{{0,9}}[\])}}]?\s{{0,9}}(?P<unit>[A-Za-z°]{{0,12}})\s{{0,9}}$"
 )
@@ -35,10 +36,10 @@ def read_line_blocks(path: Path) -> RawTable | None:
     """The table with a row for each block of lines; None for a file of another layout."""
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
-        if _period(list(_lines(islice(file, _SAMPLE_LINES)))) is None:
+        if _period(_without_head(_lines(islice(file, _SAMPLE_LINES)))) is None:
             return None
     with path.open(encoding=encoding, errors="replace", newline=None) as file:
-        lines = list(_lines(file))
+        lines = _without_head(_lines(file))
     period = _period(lines)
     if period is None:
         return None
@@ -70,6 +71,13 @@ def _lines(texts: Iterable[str]) -> list[tuple[int, str, list[float], str]]:
             label = re.sub(r"\s+", " ", match["label"].strip())
             found.append((number, label, numbers, match["unit"]))
     return found
+
+
+def _without_head(lines: list) -> list:
+    """The lines from the first one whose label repeats: a number of measurements above them is no part of a block."""
+    counts = Counter((label, len(numbers)) for _, label, numbers, _ in lines)
+    repeats = [counts[label, len(numbers)] >= _FEWEST_BLOCKS for _, label, numbers, _ in lines]
+    return lines[repeats.index(True) :] if any(repeats) else lines
 
 
 def _period(lines: list) -> int | None:
