@@ -122,10 +122,10 @@ def test_structure_without_a_place_and_without_a_gain_is_no_finding(bench):
     """The best of many candidates has a small p-value by chance: with no place and no gain nothing is unexplained."""
     empty = Located("sensor", "point", ("u",), 0.0, 1.0, 0.0)
     real = Located("sensor", "point", ("u",), 0.2, 1e-6, 0.1)
-    proved = SimpleNamespace(t=0.0)
+    proved = SimpleNamespace(t=0.0, before=0.02)
     assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), (), proved)
     assert is_structure_located(bench, SimpleNamespace(located=(empty, real)), (), proved)
-    refused = SimpleNamespace(t_fall=4.0, finding=SimpleNamespace(p_value=1e-5))
+    refused = SimpleNamespace(t_fall=4.0, gain=0.004, finding=SimpleNamespace(p_value=1e-5))
     assert is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,), proved)
     refused = replace_t(refused, 0.3)
     assert not is_structure_located(bench, SimpleNamespace(located=(empty,)), (refused,), proved)
@@ -151,7 +151,17 @@ def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench)
 
 
 def replace_t(term, t):
-    return SimpleNamespace(t_fall=t, finding=term.finding)
+    return SimpleNamespace(t_fall=t, gain=term.gain, finding=term.finding)
+
+
+def test_a_refused_term_that_hardly_lowers_the_held_out_error_is_no_structure(bench):
+    """Of thousands of points a thousandth of the error is significant, and nothing that needs an explanation."""
+    found = SimpleNamespace(located=(Located("artefact", "target", ("stage_mm",), 0.004, 1e-5, 0.1),))
+    proved = SimpleNamespace(t=0.0, before=0.0143)
+    finding = SimpleNamespace(p_value=2e-11)
+    for gain, is_structure in ((4e-5, False), (1e-3, True), (None, False)):
+        refused = SimpleNamespace(t_fall=2.3, gain=gain, finding=finding)
+        assert is_structure_located(bench, found, (refused,), proved) is is_structure
 
 
 def moved_by(shift_of_stripe) -> sensor.SensorBench:

@@ -70,8 +70,9 @@ def is_structure_located(bench, found: Found, refused, proved) -> bool:
     """Whether some place holds a significant share of the residual, or what was refused is significant.
 
     A sensor has a smooth function at every place of its chain. Where none of them is significant, a small p-value of
-    the best of many candidates is chance: nothing is there to be explained. A negligible share of the residual that no
-    held-out sample confirms needs no explanation: of thousands of points, a thousandth of a pixel is significant.
+    the best of many candidates is chance: nothing is there to be explained. A negligible share of the residual, or of
+    the held-out error by a refused term, needs no explanation: of thousands of points, a thousandth of a pixel is
+    significant.
 
     An arm in few poses has few degrees of freedom, and its noise is only nearly equal in all coordinates. The p-value
     of a law that neither a smooth function nor the held-out errors of what the folds found (`Proof.t`) support counts
@@ -80,8 +81,19 @@ def is_structure_located(bench, found: Found, refused, proved) -> bool:
     places = any(place.p_value < _PLACED and place.share > NOTABLE_SHARE for place in found.located)
     if bench.chain is not None:
         return places or proved.t > CRITICAL_T or found.p_first < RANDOM_EFFECT_LEVEL
-    gained = [term for term in refused if (term.t_fall or 0.0) > _GAINED]
+    gained = [
+        term
+        for term in refused
+        if (term.t_fall or 0.0) > _GAINED and _explained_share(term, proved) > NOTABLE_SHARE
+    ]
     return places or any(term.finding.p_value < _PLACED for term in gained)
+
+
+def _explained_share(term: Term, proved) -> float:
+    """Share of the held-out mean square of the baseline by which it falls with this term alone."""
+    if not term.gain or not proved.before:
+        return 0.0
+    return 1 - (1 - min(term.gain / proved.before, 1.0)) ** 2
 
 
 def contains_structure(found: Found, terms) -> bool:
