@@ -156,7 +156,9 @@ def replace_t(term, t):
 
 def test_a_refused_term_that_hardly_lowers_the_held_out_error_is_no_structure(bench):
     """Of thousands of points a thousandth of the error is significant, and nothing that needs an explanation."""
-    found = SimpleNamespace(located=(Located("artefact", "target", ("stage_mm",), 0.004, 1e-5, 0.1),))
+    found = SimpleNamespace(
+        located=(Located("artefact", "target", ("stage_mm",), 0.004, 1e-5, 0.1),)
+    )
     proved = SimpleNamespace(t=0.0, before=0.0143)
     finding = SimpleNamespace(p_value=2e-11)
     for gain, is_structure in ((4e-5, False), (1e-3, True), (None, False)):
