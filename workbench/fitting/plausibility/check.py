@@ -13,6 +13,7 @@ from workbench.fitting.plausibility.fitting import (
 )
 from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.joint_columns.coupled_drives import coupled_drives
+from workbench.fitting.plausibility.joint_columns.random_errors import random_errors
 from workbench.fitting.plausibility.joint_columns.rounding import explains, joint_rounding
 from workbench.fitting.plausibility.joint_columns.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.misfit import (
@@ -88,6 +89,8 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
         if np.isfinite(fit.scale):
             found += _gravity_or_fit(robot, recording, fit, good_scale(robot, recording))
             found += _of_drives(robot, recording, fit)
+            if not found and fit.core <= good_scale(robot, recording):
+                found += _suspicions_of(random_errors, robot, recording, fit)
     except (np.linalg.LinAlgError, InputError):
         pass  # too little data for any fit: the calibration says which parameters are undetermined
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
