@@ -15,7 +15,8 @@ from workbench.core.vocabulary import Covariate
 _FINEST = (
     6.0  # frequencies per 2 pi / duration: the phase is then off by at most a quarter of a radian
 )
-_MAX_FREQUENCIES = 3000  # frequencies
+_COARSEST = 3.0  # the same where many frequencies are needed: off by half a radian, which a later fit removes
+_MAX_FREQUENCIES = 6000  # frequencies
 _KNOWN = ("time_s", "sweep", "mirror_speed_deg_s", *Blooming.needs)
 
 
@@ -114,14 +115,20 @@ class MirrorVibration(Effect):
 
     @classmethod
     def grids(cls, chain):
-        """Frequencies (rad/s) from three periods in the recording up to half the rate of the images."""
+        """Frequencies (rad/s) from three periods in the recording up to half the rate of the images.
+
+        Pauses between board poses make a recording long, and so the frequencies many: they are then less dense, so
+        that the range does not end below the rate of the images.
+        """
         times = np.unique(np.asarray(getattr(chain, "times", ()), float))
         if len(times) < 12:
             return
         duration = float(np.ptp(times))
         step = float(np.median(np.diff(times)))
-        spacing = 2 * np.pi / (_FINEST * duration)
-        highest = min(np.pi / max(step, 1e-9), spacing * _MAX_FREQUENCIES)
+        highest = np.pi / max(step, 1e-9)
+        finest, coarsest = (2 * np.pi / (dense * duration) for dense in (_FINEST, _COARSEST))
+        spacing = np.clip(highest / _MAX_FREQUENCIES, finest, coarsest)
+        highest = min(highest, spacing * _MAX_FREQUENCIES)
         values = np.arange(6 * np.pi / duration, highest, spacing)
         even = np.full(len(values), 1 / max(len(values), 1))
         for where in chain.places("mirror") if len(values) else ():
