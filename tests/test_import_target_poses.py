@@ -206,3 +206,13 @@ def test_a_wrong_size_of_the_target_is_named_instead_of_a_question(tmp_path):
     with pytest.raises(InputError, match="the target looks 1.11") as refused:
         _made(paths, tmp_path)
     assert "camera on the flange" in str(refused.value)
+
+
+def test_a_camera_on_the_flange_is_no_question_of_inverted_poses_at_the_other_place(tmp_path):
+    """Noise of the positions alone leaves as much of the model with inverted poses and a stationary camera."""
+    flange, seen, _ = target_scene(15, count=12, sigma=(1.5, 0.0005))
+    first = _write(tmp_path / "hand.csv", np.c_[flange[:, :3, 3], quaternions(flange)])
+    second = _write(tmp_path / "eye.csv", np.c_[seen[:, :3, 3], quaternions(seen)])
+    made = _made([first, second], tmp_path)
+    assert made.mapping.board == {"fixed_to": "base"}
+    assert not any("inverted" in fit.title for fit in made.fits[:1])

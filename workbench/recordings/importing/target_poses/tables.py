@@ -29,7 +29,7 @@ from workbench.recordings.importing.target_poses.readings import (
 
 
 class UnexplainedPoses(InputError):
-    """Poses that fit under no reading, and no mistake explains why; `reason`: what in them disagrees."""
+    """Poses whose rotations agree and whose positions do not, which no mistake explains; `reason` in words."""
 
     def __init__(self, sentence: str, reason: str):
         super().__init__(sentence)
@@ -37,6 +37,8 @@ class UnexplainedPoses(InputError):
 
 
 _FEWEST = 4
+_SAME_MODEL = 1.5
+"""Ratio of the misfits of the same model with target poses as written, and inverted, below which noise decides."""
 _GAP_DEG = 1.0  # more than an arm of any quality makes
 _KINDS = ("target-pose", "external-pose", "external-point", None)
 _REMEDY = (
@@ -65,11 +67,12 @@ def import_target_poses(found, options, progress) -> Made | None:
             f"rotation conventions, found {rows.n}; add poses, with rotations about two axes."
         )
     progress("testing readings of flange poses and target poses")
-    readings, fits = compared_readings(rows, mapping)
+    readings, compared = compared_readings(rows, mapping)
+    fits = [item for item in compared if not _is_same_model(item, compared, readings)]
     if not fits[0][1].is_good and not options.trust_data:
         _check_usual(rows, mapping, readings)
     elif not options.trust_data:
-        _refuse_explained(rows, [readings[place] for place, _ in close_fits(fits)])
+        _refuse_explained(rows, [readings[place] for place, _ in close_fits(compared)])
     lines = [reading.line for reading in readings]
     with named_gaps(rows.file, fits, lambda place: readings[place].poses.flange):
         chosen = choose_reading(lines, fits, f"{rows.file}, poses", options.ask, _REMEDY)
@@ -79,7 +82,27 @@ def import_target_poses(found, options, progress) -> Made | None:
     board = {**(mapping.board or {}), "fixed_to": FIXED_TO[reading.poses.kind]}
     mapping = replace(reading.mapping, board=board)
     notes = (*notes, *_assumptions(rows, reading), *suspicions)
+    fits += [item for item in compared if item not in fits]
     return Made(recording, mapping, tuple(fit for _, fit in fits), notes, suspicions=suspicions)
+
+
+def _is_same_model(item, compared, readings: list[TargetReading]) -> bool:
+    """Whether a reading of inverted target poses is the model of one that is not inverted, which fits hardly worse.
+
+    With T inverted and the camera at the other place, F X T = W has the same solutions; only what the noise of the
+    poses does to the target distinguishes them. Programs write the target in the frame of the camera.
+    """
+    place, fit = item
+    reading = readings[place]
+    if not reading.inverted:
+        return False
+    return any(
+        other.mapping == reading.mapping
+        and not other.inverted
+        and other.poses.kind != reading.poses.kind
+        and other_fit.rms_mm <= _SAME_MODEL * fit.rms_mm
+        for other, other_fit in ((readings[k], other_fit) for k, other_fit in compared)
+    )
 
 
 def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None:
@@ -103,7 +126,9 @@ def _check_usual(rows: RawTable, mapping, readings: list[TargetReading]) -> None
         f"{rows.file}: expected flange poses that one hand-eye transform connects with the poses of the target, found "
         f"none under any reading. Read as {closest.title}: {reason}; {_REMEDY}, or repeat with --trust-data."
     )
-    raise InputError(sentence) if is_explained else UnexplainedPoses(sentence, reason)
+    if is_explained or reason != _scatter(review):
+        raise InputError(sentence)
+    raise UnexplainedPoses(sentence, reason)
 
 
 def _refuse_explained(rows: RawTable, close: list[TargetReading]) -> None:
@@ -131,6 +156,10 @@ def _disagreement(reading: TargetReading, review) -> str:
     if gap > _GAP_DEG:
         words = "flange and target rotate by different angles between the same two poses"
         return f"{words}, by {gap:.1f} deg in the median"
+    return _scatter(review)
+
+
+def _scatter(review) -> str:
     return f"the rotations agree, and the positions scatter by {review.trimmed_mm:.3g} mm"
 
 
