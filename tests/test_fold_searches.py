@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from robot_model.effects import CATALOGUE
-from test_diagnosis_engine import SIGMA, recorded
-from workbench.diagnosis.robot.bench import bench_of
-from workbench.diagnosis.search.select import found_terms
-from workbench.diagnosis.search.state import Search
-from workbench.diagnosis.validation import proof
+from test_diagnosis_engine import recorded
 from workbench.diagnosis.validation.fold_searches import FoldSearches
-from workbench.diagnosis.validation.held_out import Errors
 from workbench.explanation import answer
 
 PARTS = [np.arange(10) % 5 != k for k in range(5)]
@@ -102,33 +97,3 @@ def test_the_core_of_a_search_that_ended_takes_one_more_part(tmp_path):
         searches.use_all_cores()
         assert list(searches.results(bench, PARTS)) == expected(PARTS)
     assert all(len(pids) == 1 for pids in noted(tmp_path).values())
-
-
-def test_a_fold_saves_solutions_that_predict_no_better(monkeypatch):
-    """Two faint waves between the orders of the grid: with every solution the terms and their predictions are the same."""
-    wave = CATALOGUE["transmission-harmonic"]
-    waves = wave("joint-2", 39.31), wave("joint-3", 23.0)
-    size = 1.5 * SIGMA / 500.0
-    bench = bench_of(recorded(0, waves, [size, -size, size / 2, size], n=300))
-    solved = []
-
-    def outcome():
-        bench._parts.clear()
-        searched = np.arange(300) < 240
-        solved.append(0)
-        found = proof.retained_in_fold(bench, searched, found_terms)
-        errors = Errors(bench)(proof.effects_of(found), (~searched).astype(int))[~searched]
-        return {(term.effect, term.where) for term in found}, np.sqrt((errors**2).mean())
-
-    def solve(*given, **options):
-        solved[-1] += 1
-        return solve_bench(*given, **options)
-
-    solve_bench = bench._solve
-    monkeypatch.setattr(bench, "_solve", solve)
-    terms, error = outcome()
-    monkeypatch.setattr(Search, "is_worthwhile", lambda search, log_odds: True)
-    all_terms, error_with_all = outcome()
-    assert terms == all_terms and len(terms) == 2
-    assert error == pytest.approx(error_with_all, rel=0.01)
-    assert solved[0] < solved[1]

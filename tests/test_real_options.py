@@ -146,7 +146,6 @@ def test_options_that_lead_back_to_one_another_end_the_refinement(monkeypatch):
     """Two rounded values, each of which is the likeliest about the solution with the other."""
     terms = {label: SimpleNamespace(key=("wave", "joint-2"), label=label) for label in ("a", "b")}
     search = SimpleNamespace(accepted=(terms["a"],), solved=0, other_indices=lambda i: ())
-    search.is_worthwhile = lambda log_odds: True
 
     def solve_feasible():
         search.solved += 1
@@ -155,8 +154,7 @@ def test_options_that_lead_back_to_one_another_end_the_refinement(monkeypatch):
         return terms["b" if term.label == "a" else "a"]
 
     search.solve_feasible = solve_feasible
-    likelihood = SimpleNamespace(gain=lambda refined: 9.0)
-    monkeypatch.setattr(options._Profile, "of", lambda *about: likelihood)
+    monkeypatch.setattr(options._Profile, "of", lambda *about: None)
     monkeypatch.setattr(options, "_refined", refined)
     options.refine_options(search)
     assert search.solved == 1

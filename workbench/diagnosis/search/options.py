@@ -149,15 +149,10 @@ def refine_options(search, is_first: bool = False, rounds: int = MAX_ROUNDS) -> 
     """
     tried = []
     for _ in range(rounds):
-        refined, gain = [], 0.0
+        refined = []
         for i, h in enumerate(search.accepted):
             others = tuple(range(i)) if is_first else search.other_indices(i)
-            likelihood = _Profile.of(search, i, others)
-            refined.append(_refined(likelihood, h))
-            if refined[i] is not h:
-                gain += likelihood.gain(refined[i])
-        if not search.is_worthwhile(gain / 2):
-            return
+            refined.append(_refined(_Profile.of(search, i, others), h))
         tried.append(_names(search.accepted))
         if _names(refined) in tried or not accept_refined(search, refined):
             return
@@ -316,11 +311,6 @@ class _Profile:
         variance = float(residual @ residual) / degrees
         squares = float(slope @ slope) / self.projected.design_effect
         return float(np.sqrt(variance / max(squares, 1e-300)))
-
-    def gain(self, refined: Hypothesis) -> float:
-        """Fall of the sum of squares, over the variance, with the option of a refined hypothesis; to second order."""
-        value = float(getattr(refined.effects[0], self.family.name))
-        return ((value - self.family.value) / self.std(value)) ** 2
 
     def _solved(self, value: float) -> tuple[np.ndarray, np.ndarray]:
         """Columns (N, P) at a value, the baseline projected out, and their coefficients (P,)."""

@@ -303,10 +303,7 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
         key: logsumexp([h.log_weight for h in variants]) for key, variants in families.items()
     }
     best = max(marginal, key=marginal.get, default=None)
-    if accepted.key not in marginal:
-        return None
-    log_odds = marginal[best] - marginal[accepted.key]
-    if log_odds < LEAST_LOG_ODDS or not search.is_worthwhile(log_odds):
+    if accepted.key not in marginal or marginal[best] - marginal[accepted.key] < LEAST_LOG_ODDS:
         return None
     other = max(families[best], key=lambda h: h.log_weight)
     # signs and prior sizes of elastic terms are known to sets alone
@@ -391,9 +388,7 @@ def _exchange_elastic(search) -> None:
         if members is None:
             elastic = [i for i in search.accepted_indices if is_elastic(search.accepted[i])]
             members = window.fewest(count, elastic)
-        present = tuple(range(count))
-        rise = window.objective.value(members) - window.objective.value(present)
-        if set(members) == set(present) or not search.is_worthwhile(rise):
+        if len(members) == count and set(members) == set(range(count)):
             break
         # an accepted function without a law is solved with its effect, which its row in a table does not have
         terms = (*search.accepted, *window.objective.terms[len(search.accepted) :])

@@ -16,7 +16,7 @@ from workbench.diagnosis.robot.shared_moments import with_shared_moments
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.instants import with_numbered_steps
 from workbench.diagnosis.search.options import with_exact_options
-from workbench.diagnosis.search.prior import LAW_ERROR, is_elastic, may_be_elastic
+from workbench.diagnosis.search.prior import is_elastic, may_be_elastic
 
 ALL, LAWS, ELASTIC = "all", "laws", "elastic laws"
 """Parts of a table."""
@@ -215,17 +215,6 @@ class Search:
             if name_of(h) not in self.infeasible
             and (h.smooth_covariates or all(compatible(h, other) for other in conditions))
         ]
-
-    def is_worthwhile(self, log_odds: float) -> bool:
-        """Whether another set, variant or option that is more probable by some log odds is worth another solution.
-
-        In a fold predictions alone count: what changes the sum of squares by less than the laws are wrong predicts as
-        well as the next one.
-        """
-        if not self.for_prediction:
-            return True
-        degrees = Projected(self.problem.conditional_on()).degrees
-        return 2 * log_odds >= LAW_ERROR * degrees
 
     @property
     def accepted_indices(self) -> tuple[int, ...]:
