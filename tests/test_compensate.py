@@ -27,6 +27,7 @@ from workbench.jobs.robot.compensation.compensate import (
     nominal_poses,
 )
 from workbench.jobs.robot.compensation.correction_limits import checked
+from workbench.jobs.robot.compensation.moved_tool import moved_tool_words
 from workbench.jobs.robot.compensation.target_units import check_units
 
 sys.path.insert(0, str(ROOT / "tools"))
@@ -189,6 +190,19 @@ def test_a_lag_of_the_readings_corrects_no_target(run, made):
     np.testing.assert_allclose(
         compensate(late, readings).readings, compensate(arm, readings).readings, atol=1e-12
     )
+
+
+def test_a_reflector_that_was_remounted_corrects_no_target(run, made):
+    """A step of the tool is beyond the flange, as is a tool that moved: the sentence says what to do in both cases."""
+    step = CATALOGUE["shift"]("tool", after=10.0)
+    values = {f"tool.shift.{name}": 1.0 for name in "xyz"}
+    values |= {f"tool.shift.r{name}": 0.0 for name in "xyz"}
+    arm, readings = read_solution(run[0]), targets(made)[:4]
+    moved = replace(arm, effects=(*arm.effects, step), values=arm.values | values)
+    assert np.array_equal(actual_poses(moved, readings, {}), actual_poses(arm, readings, {}))
+    (sentence,) = moved_tool_words(moved)
+    assert "shift at tool is not corrected" in sentence and "column reflector" in sentence
+    assert moved_tool_words(arm) == []
 
 
 def test_poses_are_reached_from_a_start_that_is_far_off(run, made):

@@ -94,6 +94,8 @@ def test_compliances_are_the_mass_dependent_effects_without_their_special_cases(
 def test_what_belongs_to_the_session_is_no_part_of_the_arm():
     of_session = names(kind for kind in ROBOT.values() if kind.of_session)
     assert not ROBOT["shift"]("tool", 3.5).of_session
+    assert ROBOT["shift"]("tool", 3.5).beyond_flange
+    assert not ROBOT["shift"]("link-2", 3.5).beyond_flange
     encoders = {"azimuth-harmonic", "elevation-harmonic"}
     instrument = {"sight-line-refraction", "reflector-incidence", "range-offset"} | encoders
     stands = {"base-drift", "warm-up", "shift"}

@@ -51,3 +51,4 @@ def test_a_moved_base_or_target_is_no_jump_of_a_zero(moved, words, recording):
     columns = {**recording.columns, **dict(zip(("x_mm", "y_mm", "z_mm"), points.T))}
     said = change_of(replace(recording, columns=columns))
     assert words in said and "zero" not in said.partition(";")[0]
+    assert ("another number in column reflector" in said) == (words == "the target on the flange")

@@ -65,7 +65,8 @@ class Shift(RepeatedStep, AfterInstant, Effect):
 
     Six numbers: the step of the twist at the place, in its own axes. That of a link turns about the middle of the link.
     `after` is an instant in s where time was recorded, else the number of a row. A step of the base is one of the
-    session: a moved instrument makes the same, and the arm's own errors stay what they are.
+    session: a moved instrument makes the same, and the arm's own errors stay. A step of the tool is beyond
+    the flange: a reflector that was remounted makes the same.
     """
 
     effect = "shift"
@@ -80,6 +81,7 @@ class Shift(RepeatedStep, AfterInstant, Effect):
     ):
         super().__init__(where, after, occurrence)
         self.of_session = where == "base"
+        self.beyond_flange = where == "tool"
 
     @classmethod
     def grids(cls, chain):

@@ -118,6 +118,8 @@ class Effect:
         needs_compliance: Whether it is observable only where the model contains a compliance.
         of_session: Whether it belongs to the measuring session and not to the machine, so that a correction of the
             machine leaves it out.
+        beyond_flange: Whether it displaces what the flange carries and not the flange, so that a correction of the
+            flange leaves it out.
         reads: Names or kinds of the covariates that its law is a function of, recorded or derived.
         unrecorded: The kind of covariate without which it may look like random scatter at its place.
         stage: The stage of the default plan that fits it, where `planned` says.
@@ -157,6 +159,7 @@ class Effect:
     compliance_prior: tuple[float, float | None] | None = None
     needs_compliance = False
     of_session = False
+    beyond_flange = False
     reads: tuple[str, ...] = ()
     unrecorded = ""
     stage = ""

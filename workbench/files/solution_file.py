@@ -77,7 +77,9 @@ class CalibratedArm:
     def acting_effects(self) -> tuple[Effect, ...]:
         """Those of the effects that move the flange."""
         return tuple(
-            effect for effect in self.effects if effect.port in _ARM_PORTS and not effect.of_session
+            effect
+            for effect in self.effects
+            if effect.port in _ARM_PORTS and not effect.of_session and not effect.beyond_flange
         )
 
 

@@ -14,6 +14,7 @@ __all__ = [
 ]
 
 _SHOWN = 4
+_FLANGE_TARGET = "the target on the flange"
 
 
 def fit_words(fit) -> str:
@@ -26,9 +27,16 @@ def fit_words(fit) -> str:
 
 def change_point_sentence(named, change) -> str:
     """Sentence on a change point: moved object, instant, distance, and what to do."""
+    if change.moved_object == _FLANGE_TARGET:
+        remedy = (
+            f"if the reflector was remounted, give it another number in column reflector from sample {change.after} "
+            "on, which uses all rows; otherwise find the jump"
+        )
+    else:
+        remedy = "find the jump"
     return (
         f"{named}, samples {change.before} and {change.after}: between them {change.moved_object} has moved (the "
-        f"measured points by about {change.shift_mm:.3g} mm); no single model fits both parts; find the jump with "
+        f"measured points by about {change.shift_mm:.3g} mm); no single model fits both parts; {remedy} with "
         "`workbench diagnose`, calibrate the parts separately, or measure again."
     )
 

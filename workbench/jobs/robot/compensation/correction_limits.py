@@ -25,6 +25,7 @@ from workbench.jobs.robot.compensation.compensate import (
     half_loops_mm,
 )
 from workbench.jobs.robot.compensation.confirmed_correction import largest_corrections
+from workbench.jobs.robot.compensation.moved_tool import moved_tool_words
 from workbench.jobs.robot.compensation.revolutions import recorded_middle
 from workbench.jobs.robot.compensation.singularity import reading_words, singular_joint
 from workbench.jobs.robot.compensation.unattainable import left_by_joints
@@ -268,6 +269,7 @@ def judge_targets(arm: CalibratedArm, programme, found, limits: Limits) -> Judge
         *_worst_assumed(arm, programme),
         *_unknown_sides(arm, programme, found),
         *unknown_load_words(arm, programme, shift),
+        *moved_tool_words(arm),
     ]
     for covered in _coverages(arm, programme, found, bool(shift.any())):
         is_refused = found.reached & (covered.excess > _MAX_EXTENTS) & covered.is_read

@@ -1,0 +1,15 @@
+"""A tool or reflector that moved within the recording: what a correction of the flange leaves out."""
+
+from workbench.files.solution_file import CalibratedArm
+
+
+def moved_tool_words(arm: CalibratedArm) -> list[str]:
+    """A sentence on each effect of the solution that displaces only what the flange carries; [] where there is none."""
+    return [
+        f"{effect.title} is not corrected: the recording does not tell a tool that moved from a reflector that was "
+        "remounted, and the flange is where it was. If the tool moved, teach its tool centre point again. If the "
+        "reflector was remounted, give it another number in column reflector from then on and calibrate again, "
+        "which uses all poses."
+        for effect in arm.effects
+        if effect.beyond_flange
+    ]
