@@ -149,13 +149,15 @@ def _rejected(view, why):
 
 def _unique_views(views, rejected):
     """Views without those whose corners another has: counted twice, one image would pass for two."""
-    of = repeated_views(views)
-    duplicates = [
-        _rejected(view, f"the same corners as {views[k].image}, which would count twice")
-        for view, k in zip(views, of)
-        if k is not None
-    ]
-    return [view for view, k in zip(views, of) if k is None], [*rejected, *duplicates]
+    unique = []
+    duplicates = []
+    for view, earlier in zip(views, repeated_views(views)):
+        if earlier is None:
+            unique.append(view)
+        else:
+            reason = f"the same corners as {views[earlier].image}, which would count twice"
+            duplicates.append(_rejected(view, reason))
+    return unique, [*rejected, *duplicates]
 
 
 def _usable(views, board):
@@ -300,4 +302,5 @@ def _excess(fit, stated):
     """px of each coordinate beyond the stated sigmas, from medians: blunders do not raise it."""
     squares = (fit.residual[0] ** 2).sum(0)
     variance = np.median(squares) / CHI_SQUARE_MEDIAN[2] * fit.residual[0].size / fit.degrees
-    return np.sqrt(max(variance - np.median(stated) ** 2, 0.0))
+    stated_variance = np.median(stated) ** 2
+    return np.sqrt(max(variance - stated_variance, 0.0))

@@ -274,13 +274,20 @@ def calibrate_camera(
     )
 
 
+def _is_one_camera_doubted(calibration: CameraCalibration) -> bool:
+    """Whether the focal length scatters, or the halves of the corners disagree."""
+    focal = calibration.focal
+    halves = calibration.halves
+    is_focal_scattered = focal is not None and focal.significant
+    is_split_unlikely = halves is not None and halves.p_value < UNLIKELY
+    return is_focal_scattered or is_split_unlikely
+
+
 def _two_cameras(calibration: CameraCalibration) -> TwoCameras | None:
     """Looked for only where one camera is in doubt."""
-    focal, halves = calibration.focal, calibration.halves
-    is_doubted = focal is not None and focal.significant
-    is_doubted |= halves is not None and halves.p_value < UNLIKELY
-    if not is_doubted:
+    if not _is_one_camera_doubted(calibration):
         return None
+    focal = calibration.focal
     changes = np.empty(0) if focal is None else focal.changes
     names = [view.image for view in calibration.views]
     return find_two_cameras(
@@ -401,11 +408,10 @@ def _on_flatness(calibration: CameraCalibration) -> list[str]:
     """A sentence where the images contradict the certified flatness of the board."""
     bow = calibration.bow
     flatness = calibration.board.flatness_mm
-    if (
-        bow is None
-        or flatness is None
-        or not bow.height_mm - _DOUBTED * bow.height_std_mm > flatness
-    ):
+    if bow is None or flatness is None:
+        return []
+    lowest_height = bow.height_mm - _DOUBTED * bow.height_std_mm
+    if not lowest_height > flatness:
         return []
     return [
         f"the board's warp is {with_std(bow.height_mm, bow.height_std_mm)} mm, its certified flatness (flatness_mm) "

@@ -102,9 +102,11 @@ def held_out(
 
 def _halves(chain):
     """Masks (n,) of every second corner of each board pose, and of the others."""
-    start = np.searchsorted(chain.labels["placement"], np.arange(len(chain.poses)))
-    rank = np.arange(chain.pixels.shape[1]) - start[chain.labels["placement"]]
-    return rank % 2 == 0, rank % 2 == 1
+    pose = chain.labels["placement"]
+    first_corners = np.searchsorted(pose, np.arange(len(chain.poses)))
+    rank_in_pose = np.arange(len(pose)) - first_corners[pose]
+    is_odd = rank_in_pose % 2 == 1
+    return ~is_odd, is_odd
 
 
 def _full_and_halved(chain, effects, known):
@@ -257,10 +259,11 @@ def motion_rows(by_point: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _without_motions(rows, motion, is_usable):
-    """rows (P, 2, n) less what the motions (6, 2, n) make of them where `good`."""
-    known = motion[:, :, is_usable].reshape(len(motion), -1).T
-    share = least_squares(known, rows[:, :, is_usable].reshape(len(rows), -1).T)
-    return rows - np.tensordot(share.T, motion, 1)
+    """rows (P, 2, n) minus their projection onto the motions (6, 2, n), fitted where `is_usable`."""
+    design = motion[:, :, is_usable].reshape(len(motion), -1).T
+    targets = rows[:, :, is_usable].reshape(len(rows), -1).T
+    coefficients = least_squares(design, targets)
+    return rows - np.tensordot(coefficients.T, motion, 1)
 
 
 @dataclass(frozen=True)
@@ -342,5 +345,8 @@ def projection_difference(first: Camera, second: Camera, distance: float) -> Fie
 
 def coverage(pixels: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """(6, 8) how many corners, pixels (2, n), lie in each cell of the image."""
-    edges = [np.linspace(-0.5, extent - 0.5, count + 1) for extent, count in zip(size, _CELLS)]
-    return np.histogram2d(pixels[1], pixels[0], bins=edges[::-1])[0].astype(int)
+    x_edges, y_edges = (
+        np.linspace(-0.5, extent - 0.5, count + 1) for extent, count in zip(size, _CELLS)
+    )
+    counts, _, _ = np.histogram2d(pixels[1], pixels[0], bins=[y_edges, x_edges])
+    return counts.astype(int)

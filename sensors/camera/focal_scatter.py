@@ -173,9 +173,12 @@ class ReducedCorners:
 
 def _solved(gram: np.ndarray) -> np.ndarray:
     """(K,) parameters that make the residual least."""
-    scale = np.sqrt(np.diag(gram)[:-1].clip(1e-300))
-    scaled = gram[:-1, :-1] / np.outer(scale, scale)
-    return -np.linalg.lstsq(scaled, gram[:-1, -1] / scale, rcond=_RIDGE)[0] / scale
+    normal_matrix = gram[:-1, :-1]
+    right_side = gram[:-1, -1]
+    scale = np.sqrt(np.diag(normal_matrix).clip(1e-300))
+    scaled = normal_matrix / np.outer(scale, scale)
+    solution, *_ = np.linalg.lstsq(scaled, right_side / scale, rcond=_RIDGE)
+    return -solution / scale
 
 
 def _whitened(chain: Corners, fit: BundleFit, effects):

@@ -252,10 +252,7 @@ def covariance_from_keys(keys: dict, camera: Camera, called: str) -> np.ndarray 
     if "covariance" not in keys:
         return None
     count = len(camera.values)
-    try:
-        covariance = np.array(keys["covariance"], float)
-    except (TypeError, ValueError):
-        covariance = np.empty(0)
+    covariance = _as_array(keys["covariance"])
     if covariance.shape != (count, count) or not _is_covariance(covariance):
         raise InputError(
             f"{called}, key covariance: expected a symmetric, positive matrix of {count} x {count} finite numbers, "
@@ -267,10 +264,21 @@ def covariance_from_keys(keys: dict, camera: Camera, called: str) -> np.ndarray 
 _ROUNDING = 1e-6  # of a correlation
 
 
+def _as_array(value: object) -> np.ndarray:
+    """An array of numbers, empty where the value of a key is none."""
+    try:
+        return np.array(value, float)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
 def _is_covariance(matrix: np.ndarray) -> bool:
-    if not np.isfinite(matrix).all() or (np.diag(matrix) < 0).any():
+    variances = np.diag(matrix)
+    if not np.isfinite(matrix).all() or (variances < 0).any():
         return False
-    std = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    std = np.sqrt(np.maximum(variances, 1e-300))
     correlation = matrix / np.outer(std, std)
-    is_symmetric = np.allclose(correlation, correlation.T, atol=_ROUNDING)
-    return bool(is_symmetric and np.linalg.eigvalsh(correlation)[0] > -_ROUNDING)
+    if not np.allclose(correlation, correlation.T, atol=_ROUNDING):
+        return False
+    smallest_eigenvalue = np.linalg.eigvalsh(correlation)[0]
+    return bool(smallest_eigenvalue > -_ROUNDING)

@@ -86,14 +86,19 @@ def check_views(views: Sequence["View"], board: "Board", size: tuple[int, int]) 
 
 def _covariates(views, order, counts):
     """Columns of numbers that every image has."""
+    columns = {}
+    for name in _number_columns(views):
+        value_by_image = np.array([views[k].row[name] for k in order], float)
+        columns[name] = np.repeat(value_by_image, counts)
+    return columns
+
+
+def _number_columns(views):
+    """Sorted names of the columns in which every image has a number."""
     shared = set.intersection(*(set(view.row) for view in views))
-    numbers = {
+    return sorted(
         name for name in shared if all(isinstance(view.row[name], (int, float)) for view in views)
-    }
-    return {
-        name: np.repeat(np.array([views[k].row[name] for k in order], float), counts)
-        for name in sorted(numbers)
-    }
+    )
 
 
 def thinned(chain: Corners) -> np.ndarray:

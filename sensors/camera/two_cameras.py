@@ -45,12 +45,8 @@ class TwoCameras:
     def are_mirrored(self) -> bool:
         """Whether the principal points of the two cameras are mirror images of each other in one direction."""
         first, second = self.cameras
-        return any(
-            abs(a + b - (size - 1)) < _MIRROR_TOLERANCE * abs(a - b)
-            for a, b, size in zip(
-                (first.cx, first.cy), (second.cx, second.cy), self.cameras[0].size
-            )
-        )
+        width, height = first.size
+        return _is_mirrored(first.cx, second.cx, width) or _is_mirrored(first.cy, second.cy, height)
 
     @property
     def sentence(self) -> str:
@@ -66,6 +62,12 @@ class TwoCameras:
             f"two.{mirrored} Another camera, a changed focus or zoom, or mirrored images cause this: calibrate the two "
             "groups separately"
         )
+
+
+def _is_mirrored(first: float, second: float, size: int) -> bool:
+    """Whether two coordinates of principal points are mirror images in the middle of an image of `size` pixels."""
+    offset = abs(first + second - (size - 1))
+    return offset < _MIRROR_TOLERANCE * abs(first - second)
 
 
 def _described(camera: Camera) -> str:
@@ -149,11 +151,7 @@ def _is_better(chain: Corners, one_camera: float, two_cameras: float, known: Par
     degrees = chain.pixels.size - 6 * len(chain.poses) - 2 * numbers
     if degrees < 1 or two_cameras > _EXPLAINED * one_camera:
         return False
-    return (
-        float(
-            fisher.sf(
-                (one_camera - two_cameras) / numbers / (two_cameras / degrees), numbers, degrees
-            )
-        )
-        < _LEVEL
-    )
+    reduction = (one_camera - two_cameras) / numbers
+    f_statistic = reduction / (two_cameras / degrees)
+    p_value = fisher.sf(f_statistic, numbers, degrees)
+    return float(p_value) < _LEVEL

@@ -89,10 +89,14 @@ def _basis(seen, direction, degree):
 def _enough(camera, ideal):
     """The gap from which a Newton step, whose error is half the curvature times its square, is exact."""
     small = 1e-4
-    slopes = [camera.distort_rows(ideal + small * np.eye(2)[:, [axis]])[1] for axis in (0, 1)]
-    slope_at_ideal = camera.distort_rows(ideal)[1]
-    curvature = max(abs(slope - slope_at_ideal).max() / small for slope in slopes)
-    return float(np.sqrt(_EXACT / camera.fx / max(curvature, 1e-9)))
+    _, slope, _ = camera.distort_rows(ideal)
+    curvatures = []
+    for axis in (0, 1):
+        shift = small * np.eye(2)[:, [axis]]
+        _, shifted_slope, _ = camera.distort_rows(ideal + shift)
+        curvatures.append(abs(shifted_slope - slope).max() / small)
+    curvature = max(*curvatures, 1e-9)
+    return float(np.sqrt(_EXACT / camera.fx / curvature))
 
 
 _STEPS = 30  # of Newton's method; four to six are usual

@@ -159,18 +159,22 @@ class PoseTables:
 
 
 def with_held_out(
-    found: Sequence[DisplacedLine], lines: Sequence[BoardLine], tables: PoseTables
+    displaced_lines: Sequence[DisplacedLine], lines: Sequence[BoardLine], tables: PoseTables
 ) -> tuple[DisplacedLine, ...]:
     """The displaced lines, all of `lines`, with their tests on left-out board poses."""
     if len(tables.gram) < _FEWEST_POSES:
-        return tuple(found)
-    numbers = [
-        next(k for k, line in enumerate(lines) if line is displaced.line) for displaced in found
-    ]
-    return tuple(
-        replace(displaced, held_out=_held_out(tables, numbers, k, len(lines)))
-        for displaced, k in zip(found, numbers)
-    )
+        return tuple(displaced_lines)
+    numbers = [_number_of(displaced.line, lines) for displaced in displaced_lines]
+    tested = []
+    for displaced, number in zip(displaced_lines, numbers):
+        held_out = _held_out(tables, numbers, number, len(lines))
+        tested.append(replace(displaced, held_out=held_out))
+    return tuple(tested)
+
+
+def _number_of(line: BoardLine, lines: Sequence[BoardLine]) -> int:
+    """Position of the very object `line` in `lines`: lines hold arrays, which do not compare as a whole."""
+    return next(number for number, other in enumerate(lines) if other is line)
 
 
 def _held_out(tables: PoseTables, chosen: list[int], line: int, count: int) -> HeldOut:

@@ -97,8 +97,11 @@ class _Likelihood:
         """Of the log variances: beyond them a residual would be a difference of large numbers."""
         low = np.log(_LOWEST)
         high = np.log(_HIGHEST)
-        noise = start[0] - np.log(_NOISE), start[0] + np.log(_NOISE)
-        return [noise, *((size + low, size + high) for size in start[1:])]
+        noise = start[0]
+        log_factor = np.log(_NOISE)
+        noise_bounds = (noise - log_factor, noise + log_factor)
+        component_bounds = [(size + low, size + high) for size in start[1:]]
+        return [noise_bounds, *component_bounds]
 
     def of_white_noise(self, white: float) -> float:
         """-2 log likelihood, not by number of data, without effects."""
@@ -153,5 +156,7 @@ def _scales(data: Reduced) -> np.ndarray:
     """(q,) root mean square trace of the effects of each component in the residuals: components differ in unit."""
     diagonal = np.maximum(np.diag(data.gram), 0.0)
     sums = np.bincount(data.component, diagonal, data.count)
-    means = sums / np.maximum(np.bincount(data.component, minlength=data.count), 1)
-    return np.sqrt(np.where(means > 0, means, 1.0))[data.component]
+    effect_counts = np.bincount(data.component, minlength=data.count)
+    means = sums / np.maximum(effect_counts, 1)
+    scales = np.sqrt(np.where(means > 0, means, 1.0))
+    return scales[data.component]

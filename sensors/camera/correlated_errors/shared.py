@@ -193,10 +193,13 @@ def _blocks(chain, fit, effects, root):
 
 def _sum(blocks, group, count=None):
     """(count, a, b) sums of blocks (n, a, b) by group (n,)."""
-    sums = np.zeros((int(group.max()) + 1 if count is None else count, *blocks.shape[1:]))
+    if count is None:
+        count = int(group.max()) + 1
+    sums = np.zeros((count, *blocks.shape[1:]))
     order = np.argsort(group, kind="stable")
-    start = np.flatnonzero(np.diff(group[order], prepend=-1))
-    sums[group[order[start]]] = np.add.reduceat(blocks[order], start, axis=0)
+    sorted_group = group[order]
+    start = np.flatnonzero(np.diff(sorted_group, prepend=-1))
+    sums[sorted_group[start]] = np.add.reduceat(blocks[order], start, axis=0)
     return sums
 
 

@@ -90,15 +90,17 @@ class SharedErrors:
 
 def shared_errors(rows: CornerRows, precision: np.ndarray, sigma_px: float = 1.0) -> SharedErrors:
     """Variance components; precision (F,): of the priors of `rows.shared`, 0 without; sigma_px: unit of the rows."""
-    (reduced, tables), effects = _reduced(rows, precision), rows.effects
+    effects = rows.effects
+    reduced, tables = _reduced(rows, precision)
     variances = restricted_variances(reduced)
     lines = displaced_lines(reduced, effects.lines, variances.noise)
+    tested_lines = with_held_out(lines, effects.lines, replace(tables, sigma=sigma_px))
     return SharedErrors(
         float(np.sqrt(variances.noise)),
         tuple(_sizes(effects, variances)),
         variances.effects[effects.component],
         variances.p_value,
-        with_held_out(lines, effects.lines, replace(tables, sigma=sigma_px)),
+        tested_lines,
     )
 
 
@@ -179,10 +181,14 @@ def _thinned(rows: CornerRows) -> np.ndarray:
     """(n,) corners of at most so many points of the board in so many images."""
     is_selected = np.ones(rows.pose.size, bool)
     for labels, max_count in ((rows.point, _MOST_POINTS), (rows.pose, _MOST_POSES)):
-        distinct = np.unique(labels)
-        chosen = distinct[np.unique(np.linspace(0, len(distinct) - 1, max_count).astype(int))]
-        is_selected &= np.isin(labels, chosen)
+        is_selected &= np.isin(labels, _evenly_spaced(np.unique(labels), max_count))
     return is_selected
+
+
+def _evenly_spaced(labels: np.ndarray, max_count: int) -> np.ndarray:
+    """At most `max_count` of the distinct labels (k,), at even steps from the first to the last."""
+    steps = np.linspace(0, len(labels) - 1, max_count).astype(int)
+    return labels[np.unique(steps)]
 
 
 def scaled(rows: CornerRows, root: np.ndarray) -> CornerRows:
