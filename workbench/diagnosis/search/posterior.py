@@ -285,9 +285,8 @@ def _more_probable_variant(search, i: int) -> Hypothesis | None:
     is_wave = accepted.effect == TransmissionHarmonic.effect  # of order 1 it counts as elastic
     if is_elastic(accepted) and not is_wave:
         return None
-    # the search on all samples asks for the functions of the same tables later, to name its terms
-    laws_alone = search.for_prediction and not accepted.smooth_covariates
-    table = search.alternatives(i, LAWS if laws_alone else ALL)
+    # functions compete with functions alone; most of these solutions are exchanged before terms are named
+    table = search.alternatives(i, ALL if accepted.smooth_covariates else LAWS)
     if law := _law_of_function(search, i, table):
         return law
     families: dict[Key, list[Hypothesis]] = {}
