@@ -71,6 +71,7 @@ _NOT_PROVEN = (
     "stuck-encoder",
     "copied-column",
     "constant-coordinate",
+    "coordinate-values",
 )
 """Causes of suspicions of a misfit that no fit confirms."""
 

@@ -27,6 +27,9 @@ from workbench.fitting.plausibility.joint_columns.columns_at_rest import (
 )
 from workbench.fitting.plausibility.joint_columns.coupled_readings import coupled_readings
 from workbench.fitting.plausibility.joint_columns.reading_scales import scaled_readings
+from workbench.fitting.plausibility.joint_columns.single_coordinate import (
+    wrong_coordinate_suspicion,
+)
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.search import CLOSE, Explanation, search_further, search_singles
 from workbench.fitting.plausibility.suspicion import Suspicion
@@ -303,6 +306,10 @@ def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Susp
     else:
         sentences = []
     yield from sentences
+    one_coordinate = None if sentences else wrong_coordinate_suspicion(robot, recording)
+    if one_coordinate is not None:
+        yield one_coordinate
+        return
     if _in_no_order(robot, recording, recorded):
         yield Suspicion(
             f"{named}: {fits}; the measurements fit no better than in random order, so that rows of measurements and "
