@@ -1,6 +1,8 @@
 """Balls on a single stripe: distinguished from the others that share it by the width of the line, or refused with a reason."""
 
 import dataclasses
+import re
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +10,12 @@ import pytest
 
 from sensors.ball.arcs import Arcs
 from sensors.ball.search import find_balls
-from sensors.ball.single_stripe import centre_sigma, most_probable_ball, undetermined
+from sensors.ball.single_stripe import (
+    centre_sigma,
+    most_probable_ball,
+    undetermined,
+    unlike_spheres,
+)
 from sensors.camera.model import Camera
 from sensors.scanner.cloud import Cloud
 from sensors.scanner.file import scanner_of, scanner_text
@@ -71,6 +78,7 @@ def found_in(cloud, width, refused=None, radii=RADII):
         sigma=NOISE_PX * length,
         direction=cloud.error / length,
         widths=lambda place, balls: cloud.subset(place).width_ratios(width[place], balls),
+        width_scatter=cloud.scanner.line.scatter,
     )
 
 
@@ -220,3 +228,37 @@ def test_an_overexposed_line_does_not_tell_which_ball_it_lies_on(tmp_path):
         balls, _, refused = work.balls([{"step": 0, "scan": "1"}], cloud, sigma, shape)
         assert len(balls) == (clipped == 0)
     assert "overexposed" in refused[0].why
+
+
+@pytest.mark.parametrize("actual, is_found", [(20.0, True), (18.0, False), (22.5, False)])
+def test_a_sphere_of_another_radius_on_one_stripe_is_no_ball_of_the_artefact(actual, is_found):
+    """It shares a circle with the ball: only the width of the line, which boards show to be known, distinguishes them."""
+    cloud, width = stripe(np.array([12.0, -5.0, 250.0, actual]), -0.6 * actual)
+    line = dataclasses.replace(LINE, scatter=0.02)
+    cloud = dataclasses.replace(cloud, scanner=dataclasses.replace(cloud.scanner, line=line))
+    refused = []
+    found = found_in(cloud, width, refused, [20.0])
+    assert len(found) == is_found
+    assert is_found or "as wide as on a sphere of radius" in refused[0].why
+
+
+def test_widths_without_power_against_other_radii_do_not_confirm_a_ball():
+    """Rows with noise of 2 % distinguish the ball from spheres of other radii, those of a ragged line do not."""
+    cloud, width = stripe(np.array([12.0, -5.0, 250.0, 20.0]), -13.0)
+    (ball,) = found_in(cloud, width, radii=[20.0])
+    noisy = width * np.exp(0.8 * np.random.default_rng(3).normal(size=len(width)))
+    for measured, is_distinct in ((width, True), (noisy, False)):
+        ratios = partial(cloud.width_ratios, measured)
+        why = unlike_spheres(ball, cloud.points, ratios, 0.02)
+        assert (why == "") == is_distinct
+    low, high = re.search(r"sphere of radius (\S+) to (\S+) mm: scan more steps", why).groups()
+    assert float(low) < 17 and float(high) > 24
+
+
+def test_the_file_of_a_scanner_keeps_the_scatter_of_its_widths():
+    line = dataclasses.replace(LINE, scatter=0.013)
+    made = dataclasses.replace(scanner(np.array([0.0, 0.0, 250.0]), 0.0), line=line)
+    keys = parse_toml(scanner_text(made))
+    assert scanner_of(keys, "scanner.toml").line == line
+    del keys["light"]["line_scatter"]
+    assert scanner_of(keys, "scanner.toml").line == LINE

@@ -162,3 +162,14 @@ def test_the_width_of_the_light_plane_is_read_from_the_lines_and_unknown_widths_
         < np.abs(unshaded(made, plane_width, LIGHT).pixels - made.pixels).max()
     )
     assert replace(made, pixels=straight.pixels).n == made.n
+
+
+def test_the_scatter_of_widths_between_images_is_read_from_the_boards():
+    """Each image is wider or narrower by its own 3 % (1 sigma of ln width^2)."""
+    made, width = chain()
+    image = made.labels["placement"] * (made.labels["step"].max() + 1) + made.labels["step"]
+    own = 0.03 * np.random.default_rng(0).normal(size=image.max() + 1)
+    line = straightened(made, np.stack([width * np.exp(own[image] / 2), np.ones(made.n)]))[1]
+    assert 0.6 * 0.03 < line.scatter < 1.8 * 0.03
+    few = replace(made, labels={name: np.zeros_like(label) for name, label in made.labels.items()})
+    assert straightened(few, np.stack([width, np.ones(made.n)]))[1].scatter == 0.08

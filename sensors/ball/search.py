@@ -13,8 +13,10 @@ from sensors.ball.single_stripe import (
     most_probable_ball,
     undetermined,
     unlike_few,
+    unlike_spheres,
 )
 from sensors.ball.votes import LEAST_POINTS, MOST_POINTS, ThinnedCloud
+from sensors.stripe.surface_bias.surface_line import UNKNOWN_SCATTER
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 
@@ -48,6 +50,7 @@ def find_balls(
     seed: int = 0,
     stripe=None,
     widths: Widths | None = None,
+    width_scatter: float = UNKNOWN_SCATTER,
     refused: "list[Refusal] | None" = None,
     **options,
 ) -> list[BallFit]:
@@ -63,7 +66,8 @@ def find_balls(
     empty list where there is no ball. Raises InputError where radii or shapes are not usable.
     `stripe` (n,) int light plane of each point: where few planes meet the points that no ball has yet, and radii are
     known, candidates come from the arcs of single stripes, which needs no neighbouring planes. `widths` of the lines
-    tell balls that share a single stripe from one another; without them none is found there. With widths the caller
+    tell balls that share a single stripe from one another; without them none is found there; `width_scatter`
+    1 sigma of what all rows of an image have in common, see `LineShape`. With widths the caller
     corrects the centres of the lines, and then tests with `undetermined` whether few stripes determine the ball: their
     bias on a curved surface looks like a form of it. `refused` is given the
     candidates that are no balls, with the requirement that each fails: of those on the same points the best supported.
@@ -88,7 +92,7 @@ def find_balls(
     )
     search = _Search(points, rays, at_limit, sigma, known, free, form, {**options, "seed": seed})
     search.stripe = None if stripe is None else np.asarray(stripe).ravel()
-    search.widths = widths
+    search.widths, search.width_scatter = widths, width_scatter
     found = search.confirmed(cloud, peaks)
     if known and stripe is not None:
         found = search.with_arcs(cloud, found)
@@ -181,6 +185,7 @@ class _Search:
         self.refused: list[Refusal] = []
         self.stripe: np.ndarray | None = None
         self.widths: Widths | None = None
+        self.width_scatter = UNKNOWN_SCATTER
 
     def confirmed(self, cloud, peaks, fit_candidate=None, found=()) -> list[BallFit]:
         """Balls among the candidates and those `found` before, most points first; a point belongs to one ball only.
@@ -298,9 +303,18 @@ class _Search:
             self.widths(place, np.array([[*fit.centre, fit.radius] for fit in balls]))
         )
         fit = balls[choice.number]
-        if why := choice.why or undetermined(fit, with_form=False) or self._filled(fit):
+        why = choice.why or undetermined(fit, with_form=False) or self._filled(fit)
+        if why := why or self._unlike_spheres(fit, place):
             return self._refuse(fit.centre, fit.radius, len(place), why)
         return fit
+
+    def _unlike_spheres(self, fit, place) -> str:
+        """Why the widths at points `place` (k,) of one stripe do not confirm the known radius of a fit."""
+
+        def ratios(spheres):
+            return self.widths(place, spheres)
+
+        return unlike_spheres(fit, self.points[:, place], ratios, self.width_scatter)
 
     def _filled(self, fit) -> str:
         """Why a fit is no ball where points of the scan lie inside it, "" where they do not."""

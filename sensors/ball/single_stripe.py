@@ -5,7 +5,10 @@ plane, both sqrt(R^2 - r^2) away from it, and on balls of other radii. They turn
 ways, however, and where a surface is steeper the light plane makes a narrower or wider line
 (`surface_line.SurfaceLine.width_square`). With ln(width^2 / expected^2) = offset + noise of the rows,
 the offset N(0, 0.08^2) for all rows (the light plane's thickness changes with distance, a surface that lets light in
-widens the line), the logarithm of the likelihoods' ratio is half the difference of their chi-squares."""
+widens the line), the logarithm of the likelihoods' ratio is half the difference of their chi-squares.
+
+A sphere of any radius R' >= r lies on the circle, too. The stated radius is a hypothesis that the widths test against
+all of them (`unlike_spheres`), with the offset's sigma that the boards of the scanner's calibration show."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -41,6 +44,13 @@ _UNLIKE = 9.0 + 2 * np.log(
 )  # chi-square of offset, slope and curvature beyond which no ball has these widths
 
 
+_REFUSED_BY_CHANCE = 6.63  # 99 % of chi-square with 1 degree of freedom
+_DETECTED = 14.9  # noncentrality that exceeds it with a probability of 90 %: (2.576 + 1.282)^2
+_DETECTED_SHARE = 0.2  # of a radius: spheres that differ by more have to be distinguished
+# of spheres' centres from the light plane, over the radius
+_DISTANCES = np.linspace(-1.2, 1.2, 49)
+
+
 @dataclass(frozen=True)
 class Choice:
     """The most probable of some balls, `number` from 0, and `why` it is not certain, "" where it is."""
@@ -74,6 +84,68 @@ def most_probable_ball(ratios: np.ndarray) -> Choice:
     if len(order) > 1 and square[order[1]] - square[best] < _ODDS:
         return Choice(best, f"{_SHARED}; the width of the line does not distinguish them")
     return Choice(best, "")
+
+
+def unlike_spheres(
+    fit: BallFit, points: np.ndarray, widths: Callable[[np.ndarray], np.ndarray], scatter: float
+) -> str:
+    """Why the widths do not distinguish a ball of known radius from spheres of others on its circle, "" where they do.
+
+    points (3, n) mm of the arc; widths: as `Widths`, of these points; scatter: 1 sigma of the offset. The stated radius
+    is refused where another one explains the widths better by a chi-square that 1 % of right balls exceed (likelihood
+    ratio, 1 degree of freedom). It has to be a test: a sphere whose radius is 20 % smaller or larger would be refused
+    with a probability of 90 %, by the noncentrality that the expected widths of both give.
+    """
+    spheres = _spheres_on(fit, points)
+    ratios = widths(spheres)
+    is_seen = np.isfinite(ratios[0])
+    if is_seen.sum() < LEAST_ARC:
+        return f"{_SHARED}; {_NO_WIDTH}"
+    ratios = ratios[:, is_seen]
+    stated = ratios[0]
+    row_sigma = max(_scatter(stated, np.median(stated)), _LEAST_SCATTER)
+    variance = min(_memory(stated), _GRAIN) * row_sigma**2
+    square = _square(ratios, row_sigma, variance, scatter)
+    if square[0] - square.min() > _REFUSED_BY_CHANCE:
+        radii = spheres[square - square.min() <= _REFUSED_BY_CHANCE, 3]
+        return f"the line on it is as wide as on a sphere of radius {_range_text(radii)} mm"
+    noncentrality = _square(ratios - stated, row_sigma, variance, scatter)
+    radii = spheres[noncentrality < _DETECTED, 3]
+    if np.abs(radii / fit.radius - 1).max() <= _DETECTED_SHARE:
+        return ""
+    return (
+        f"one stripe does not distinguish the ball from a sphere of radius {_range_text(radii)} mm: "
+        "scan more steps"
+    )
+
+
+def _spheres_on(fit: BallFit, points: np.ndarray) -> np.ndarray:
+    """(m, 4) centres and radii, mm, of spheres on the circle in which the plane of points (3, n) cuts a ball.
+
+    The ball itself comes first.
+    """
+    middle = points.mean(1)
+    normal = np.linalg.svd(points - middle[:, None], full_matrices=False)[0][:, 2]
+    distance = normal @ (fit.centre - middle)
+    circle_square = max(fit.radius**2 - distance**2, 0.0)
+    distances = np.r_[distance, fit.radius * _DISTANCES]
+    centres = fit.centre + np.outer(distances - distance, normal)
+    return np.column_stack([centres, np.sqrt(circle_square + distances**2)])
+
+
+def _square(ratios: np.ndarray, row_sigma: float, variance: float, scatter: float) -> np.ndarray:
+    """(m,) chi-square of ratios (m, n) whose rows differ by `variance` and share an offset of 1 sigma `scatter`."""
+    offset = _medians(ratios)
+    limit = _CLIPPED * row_sigma
+    with np.errstate(invalid="ignore"):
+        deviation = np.clip(ratios - offset[:, None], -limit, limit)
+    deviation[np.isnan(deviation)] = limit
+    common = offset**2 / (scatter**2 + variance / ratios.shape[1])
+    return common + (deviation**2).sum(1) / variance
+
+
+def _range_text(radii: np.ndarray) -> str:
+    return f"{radii.min():.3g} to {radii.max():.3g}"
 
 
 _NO_WIDTH = (
@@ -114,10 +186,15 @@ def _lasting(row) -> float:
     The variance of an integrated autocorrelation time t of n values is t^2 2 (2 t + 1) / n (Madras & Sokal, Journal of
     Statistical Physics 50, 1988, with a window of t).
     """
+    time, count = _memory(row), int(np.isfinite(row).sum())
+    return min(time * (1 + 2 * np.sqrt(2 * (2 * time + 1) / count)), _GRAIN)
+
+
+def _memory(row) -> float:
+    """Rows for which errors of the widths last, by their autocorrelation."""
     residual = _without_parabola(row)
     limit = _CLIPPED * MEDIAN_TO_SIGMA * float(np.median(np.abs(residual)))
-    time = memory(np.clip(residual, -limit, limit))
-    return min(time * (1 + 2 * np.sqrt(2 * (2 * time + 1) / len(residual))), _GRAIN)
+    return memory(np.clip(residual, -limit, limit))
 
 
 def _bent(deviation: np.ndarray) -> float:

@@ -8,10 +8,22 @@ than that.
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from sensors.light.board_chain import BoardStripeChain
-from sensors.stripe.surface_bias.surface_line import LineShape, SurfaceLine, line_on_boards
+from sensors.stripe.surface_bias.surface_line import (
+    SMOOTH,
+    UNKNOWN_SCATTER,
+    LineShape,
+    SurfaceLine,
+    line_on_boards,
+)
 from workbench.core.rigid import rotation_matrix
+
+_FEWEST_ROWS = 20  # of an image, whose median is then known well enough
+_FEWEST_IMAGES = 5
+_LEAST_SCATTER = 1e-3
+_LOW_TAIL = 0.16  # of the distribution of a variance: 1 sigma
 
 
 def straightened(
@@ -25,6 +37,7 @@ def straightened(
         return chain, LineShape(0.0, 0.0)
     bend = _bend(chain, None)
     line = bend.line_shape(shape[0])
+    line = replace(line, scatter=_scatter_of_images(chain, bend, line, shape[0]))
     return _without_pull(chain, bend.centre_bias(line, *shape)), line
 
 
@@ -37,6 +50,27 @@ def unshaded(chain: BoardStripeChain, plane_width: float, light: np.ndarray) -> 
         return chain
     bend = _bend(chain, light)
     return _without_pull(chain, (plane_width / bend.slope) ** 2 * bend.shade)
+
+
+def _scatter_of_images(chain, bend: SurfaceLine, line: LineShape, width: np.ndarray) -> float:
+    """1 sigma of ln(width^2 / expected^2) that the rows of one image have in common, see `LineShape`.
+
+    RMS of the images' medians over the degrees of freedom that the two widths of the line leave. Zero is not known from
+    few images: the upper end of the 68 % confidence interval of a standard deviation counts (chi-square).
+    """
+    is_smooth = (bend.incidence_cosine > SMOOTH) & (bend.facing > SMOOTH)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.log(width**2 / bend.width_square(line))
+    usable = np.flatnonzero(np.isfinite(ratio) & is_smooth)
+    image = chain.labels["placement"] * (chain.labels["step"].max() + 1) + chain.labels["step"]
+    usable = usable[np.argsort(image[usable], kind="stable")]
+    first = np.flatnonzero(np.diff(image[usable], prepend=-1))
+    of_images = [part for part in np.split(ratio[usable], first[1:]) if len(part) >= _FEWEST_ROWS]
+    degrees = len(of_images) - 2
+    if degrees < _FEWEST_IMAGES:
+        return UNKNOWN_SCATTER
+    squares = float(np.square([np.median(part) for part in of_images]).sum())
+    return float(max(np.sqrt(squares / chi2.ppf(_LOW_TAIL, degrees)), _LEAST_SCATTER))
 
 
 def _bend(chain, light) -> SurfaceLine:

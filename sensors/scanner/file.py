@@ -22,7 +22,7 @@ from sensors.effects import CATALOGUE
 from sensors.light.mirror import Mirror
 from sensors.scanner.model import Scanner
 from sensors.scanner.turntable import Turntable
-from sensors.stripe.surface_bias.surface_line import LineShape
+from sensors.stripe.surface_bias.surface_line import UNKNOWN_SCATTER, LineShape
 from sensors.trust import trust_from_keys
 from workbench.core.effect import make_effects
 from workbench.core.errors import InputError
@@ -65,6 +65,7 @@ class _Light(_Section):
     shared_px: dict[str, Annotated[Finite, Field(ge=0)]] | None = None
     volume_mm: Pair | None = None
     line_mm_px: Pair | None = None
+    line_scatter: Annotated[Finite, Field(gt=0)] | None = None
     sigma_tilt_rad: list[Pair] | None = None
     sigma_offset_mm: list[Finite] | None = None
     covariance: str | None = None
@@ -207,6 +208,7 @@ def _light_keys(scanner):
         keys["volume_mm"] = _list(scanner.volume)
     if scanner.line is not None:
         keys["line_mm_px"] = [scanner.line.plane_width_mm, scanner.line.blur_px]
+        keys["line_scatter"] = float(scanner.line.scatter)
     if scanner.covariance is not None:
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}
@@ -307,7 +309,7 @@ def _line(light: _Light, where: str) -> LineShape | None:
             _short(light.line_mm_px),
             "calibrate again",
         )
-    return LineShape(*light.line_mm_px)
+    return LineShape(*light.line_mm_px, light.line_scatter or UNKNOWN_SCATTER)
 
 
 def _wrong(subject, expected, found, remedy) -> InputError:

@@ -24,7 +24,7 @@ m = 3 b^2 (c' (a^2)' + c'^2 c'' b^2). Of a Gram-Charlier series with that moment
 On a ball of radius R this moves points by some b^2 / 2R across the surface, always outwards.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,6 +36,9 @@ _STEEPEST = 0.1  # cosine of the light's incidence below which nothing is lit
 SMOOTH = 0.5
 """Cosine of incidence, of light and of sight, from which on a width follows the slope alone. Where incidence grazes
 more, the silhouette or the shadow cuts the line, which is as wide as these let it be."""
+UNKNOWN_SCATTER = 0.08
+"""1 sigma of ln(width^2 / expected^2) of an image where boards do not tell it: the light plane's thickness changes with
+distance, a surface that lets light in widens the line."""
 _RATIOS = np.geomspace(1e-2, 1e3, 26)
 _FEWEST_WIDTHS = 20
 _REWEIGHTED = 12
@@ -77,7 +80,7 @@ class SurfaceLine:
 
     def width_square(self, line: "LineShape") -> np.ndarray:
         """(n,) px^2 of the lines' widths: (plane width / slope)^2 + blur^2 (1 + tilt^2)."""
-        return np.array(astuple(line)) ** 2 @ self._by_shape
+        return np.array([line.plane_width_mm, line.blur_px]) ** 2 @ self._by_shape
 
     @property
     def _by_shape(self) -> np.ndarray:
@@ -130,15 +133,19 @@ class SurfaceLine:
 
 @dataclass(frozen=True)
 class LineShape:
-    """Laser line: `plane_width_mm` 1 sigma of the light plane; `blur_px` 1 sigma of the blur, pixel included."""
+    """Laser line: `plane_width_mm` 1 sigma of the light plane; `blur_px` 1 sigma of the blur, pixel included.
+
+    `scatter`: 1 sigma of ln(width^2 / expected^2) that all rows of an image have in common.
+    """
 
     plane_width_mm: float
     blur_px: float
+    scatter: float = UNKNOWN_SCATTER
 
     @property
     def squares(self) -> np.ndarray:
         """(2,) of both, none below a thousandth."""
-        return np.maximum(np.array(astuple(self)) ** 2, 1e-6)
+        return np.maximum(np.array([self.plane_width_mm, self.blur_px]) ** 2, 1e-6)
 
 
 def _nonnegative(shape, weight, precision, centre) -> np.ndarray:

@@ -317,6 +317,7 @@ class _Work:
         if self.scanner.line is not None and cloud.motion is None:
             width = np.where(shape[3], np.nan, shape[0])
             options["widths"] = lambda k, balls: cloud.subset(k).width_ratios(width[k], balls)
+            options["width_scatter"] = self.scanner.line.scatter
         found = (
             find_balls(points, radii, free=True, **options, **columns) if points.shape[1] else []
         )
