@@ -221,18 +221,20 @@ def _starts_of_wide_cells(sorted_angle):
 def _angles_from_middle(from_centre, label, used, count):
     """(n,) rad, angle about the centre from the middle of the used arc of each profile, -pi to pi."""
     angle = np.arctan2(from_centre[1], from_centre[0])
-    sine = np.bincount(label[used], np.sin(angle[used]), count)
-    cosine = np.bincount(label[used], np.cos(angle[used]), count)
+    used_label = label[used]
+    used_angle = angle[used]
+    sine = np.bincount(used_label, np.sin(used_angle), count)
+    cosine = np.bincount(used_label, np.cos(used_angle), count)
     middle = np.arctan2(sine, cosine)
-    return np.angle(np.exp(1j * (angle - middle[label])))
+    from_middle = angle - middle[label]
+    return np.angle(np.exp(1j * from_middle))
 
 
 def _words(label, used, names):
     count = len(names)
     total = np.bincount(label, minlength=count)
-    inliers = np.bincount(label[used], minlength=count)
+    left_out = total - np.bincount(label[used], minlength=count)
     return tuple(
-        f"{name}: {t - u} of {t} points left out, off the circle or at its ragged ends"
-        for name, t, u in zip(names, total.tolist(), inliers.tolist())
-        if t - u > 0.02 * t
+        f"{names[k]}: {left_out[k]} of {total[k]} points left out, off the circle or at its ragged ends"
+        for k in np.flatnonzero(left_out > 0.02 * total)
     )

@@ -50,8 +50,10 @@ def _rotated_rows(data: PoseData, angles: Sequence[int]) -> np.ndarray | None:
 
 def _about_normal(angle_deg: int) -> np.ndarray:
     """(4, 4) rotation about the third axis by a multiple of 90 deg."""
+    quarter_turns = angle_deg // 90 % 4
+    cosine = (1, 0, -1, 0)[quarter_turns]
+    sine = (0, 1, 0, -1)[quarter_turns]
     rotation = np.eye(4)
-    cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[angle_deg // 90 % 4]
     rotation[:2, :2] = [[cosine, -sine], [sine, cosine]]
     return rotation
 

@@ -27,9 +27,9 @@ def best_permutation(data: PoseData) -> tuple[np.ndarray, PoseFit] | None:
     """
     if not 4 <= data.count <= _MAX_POSES:
         return None
-    found = [_improved(data, order) for order in _candidates(data)]
-    found = [row for row in found if row is not None]
-    return min(found, key=lambda row: row[1].rms) if found else None
+    improved = [_improved(data, order) for order in _candidates(data)]
+    order_and_fit = [row for row in improved if row is not None]
+    return min(order_and_fit, key=lambda row: row[1].rms, default=None)
 
 
 def permuted(data: PoseData, order: np.ndarray) -> PoseData:
@@ -55,10 +55,10 @@ def reassigned(data: PoseData, fit: PoseFit, allowed: float) -> np.ndarray:
 def _candidates(data):
     """Orders (P,) that preserve the angles between images best, by assignment from two anchor images."""
     labels = possible_labels(data)[0]
-    seen = data.seen[labels, np.arange(data.count)]
-    flange = _invariants(inverse(data.moved)[:, None] @ data.moved[None])
-    camera = _invariants(seen[:, None] @ inverse(seen)[None])
-    return _ranked_orders(flange, camera)
+    board = data.seen[labels, np.arange(data.count)]
+    flange_motions = inverse(data.moved)[:, None] @ data.moved[None]
+    camera_motions = board[:, None] @ inverse(board)[None]
+    return _ranked_orders(_invariants(flange_motions), _invariants(camera_motions))
 
 
 def _ranked_orders(flange, camera):

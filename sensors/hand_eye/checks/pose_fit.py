@@ -53,13 +53,12 @@ def approximate_misfit(data: PoseData) -> float:
 def robust_starts(data: PoseData) -> list[np.ndarray]:
     """Start values (4, 4) of the sensor pose, one per labelling, from many closed forms against wrong images."""
     images = np.arange(data.count)
-    labels_and_starts = []
+    sensor_poses = []
     for labels in possible_labels(data):
-        values = start_from_boards(data.moved, data.seen[labels, images], data.corners, "in-hand")[
-            0
-        ]
-        labels_and_starts.append(transform(rotation_matrix(values[3:6]), values[:3]))
-    return labels_and_starts
+        boards = data.seen[labels, images]
+        values = start_from_boards(data.moved, boards, data.corners, "in-hand")[0]
+        sensor_poses.append(transform(rotation_matrix(values[3:6]), values[:3]))
+    return sensor_poses
 
 
 def possible_labels(data: PoseData) -> np.ndarray:
@@ -146,8 +145,10 @@ def _closed_form_scale(moved, seen, sensor):
 def _middle_pose(placed, corners):
     """That board (4, 4) of (P, 4, 4) whose corners are nearest to those of all others."""
     where = placed[:, :3, :3] @ corners + placed[:, :3, 3:]
-    distance = np.sqrt(((where[:, None] - where[None]) ** 2).sum(2).mean(2))
-    return placed[int(np.argmin(np.median(distance, axis=1)))]
+    difference = where[:, None] - where[None]
+    distance = np.sqrt((difference**2).sum(2).mean(2))
+    median_distance = np.median(distance, axis=1)
+    return placed[int(np.argmin(median_distance))]
 
 
 def _relabel(data, fit):
@@ -291,7 +292,8 @@ def _residual(data, state, labels, freedom):
     moved, sensor, board, local = _poses(data, state, labels, freedom)
     outer = moved @ sensor
     seen_corners = outer[:, :3, :3] @ local + outer[:, :3, 3:]
-    return seen_corners - board[:, :3, :3] @ data.corners - board[:, :3, 3:]
+    rotated_corners = board[:, :3, :3] @ data.corners
+    return seen_corners - rotated_corners - board[:, :3, 3:]
 
 
 def _rows(data, state, labels, freedom):
