@@ -1,5 +1,7 @@
 """What a recording and its simulation differ by: parameters with size and significance, the noise, and physics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tomli_w
@@ -11,6 +13,7 @@ from workbench.explanation.answer import diagnose
 from workbench.explanation.comparison.alternatives import alternative_sets
 from workbench.explanation.comparison.differences import differences
 from workbench.explanation.comparison.reference import reference_of
+from workbench.explanation.comparison.uncertain_reference import ValueUncertainty
 from workbench.jobs.robot.simulate import simulate
 from workbench.report.diagnosis.page import page
 
@@ -147,6 +150,38 @@ def test_parameters_of_an_earlier_solution_that_were_held_are_suspects(tmp_path)
     assert found.parameters and found.parameters[0]["name"] == "beta2"
     assert found.parameters[0]["value"] == pytest.approx(8e-4, rel=0.2)
     assert np.isfinite(found.parameters[0]["std"])
+
+
+def earlier_calibration(reference, rng):
+    """The reference as a calibration with known uncertainty would have left it: every angle and length off by chance."""
+    keys = [key for key in reference.values if key.startswith("joint-") and key.count(".") == 1]
+    is_length = [key.split(".")[1][:-1] in ("d", "a") for key in keys]
+    sigma = np.where(is_length, 0.03, 1e-4)  # mm, rad
+    errors = dict(zip(keys, sigma * rng.normal(size=len(keys))))
+    values = {key: value + errors.get(key, 0.0) for key, value in reference.values.items()}
+    return replace(
+        reference, values=values, uncertainty=ValueUncertainty(tuple(keys), np.diag(sigma**2))
+    )
+
+
+def test_an_earlier_calibration_differs_by_its_own_uncertainty_without_a_change_of_the_arm(
+    tmp_path,
+):
+    rng = np.random.default_rng(2)
+    scene = reference_of(scene_file(tmp_path), None)
+    unchanged = recorded(tmp_path, {})
+    for _ in range(4):
+        reference = earlier_calibration(scene, rng)
+        assert differences(reference, unchanged, ()).parameters == ()
+        assert len(differences(replace(reference, uncertainty=None), unchanged, ()).parameters) > 3
+
+
+def test_a_change_since_an_earlier_calibration_has_the_uncertainty_of_both(tmp_path):
+    rng = np.random.default_rng(3)
+    reference = earlier_calibration(reference_of(scene_file(tmp_path), None), rng)
+    (row,) = differences(reference, recorded(tmp_path, {"joint-3.theta3": 2e-3}), ()).parameters
+    assert (row["where"], row["name"]) == ("joint-3", "theta3")
+    assert 1e-4 <= row["std"] < 4e-4 and abs(row["value"] - 2e-3) < 3 * row["std"]
 
 
 def test_a_parameter_that_stands_for_two_others_names_them(tmp_path):

@@ -12,6 +12,7 @@ from workbench.files import runs
 from workbench.fitting.verdicts.verdict import parse_tolerances
 
 _DIFFERENT = 0.1
+_DEGREES = 57.29577951308232  # of a radian
 """Relative difference of two held-out errors from which on both are shown."""
 
 Simulation = Annotated[
@@ -250,19 +251,24 @@ def show(console, result) -> None:
     _show_other_schemes(console, held_out, unit)
     _show_sensor(console, result)
     if (shares := result["against"]) is not None:
-        names = ("parameters", "noise", "structure")
-        tables.grid(
-            console,
-            f"Difference from {shares['reference']}",
-            ["", "mm²"],
-            [[name, shares[f"{name}_mm2"]] for name in names],
-        )
+        _show_shares(console, shares)
     if result["differences"] is not None:
         _show_differences(console, result["differences"])
     console.print(f"Next: {result['next_experiment']}", markup=False)
     model = result.get("model") or {}
     for sentence in model.get("left_out", ()) if model.get("plan") else ():
         console.print(f"Corrected model: {sentence.rstrip('.')}.", markup=False)
+
+
+def _show_shares(console, shares) -> None:
+    """Parts of the mean squared distance from the reference; base and tool stand elsewhere in any new session."""
+    rows = [
+        ["base and tool", shares["placing_mm2"]],
+        ["other parameters", shares["parameters_mm2"] - shares["placing_mm2"]],
+        ["noise", shares["noise_mm2"]],
+        ["structure", shares["structure_mm2"]],
+    ]
+    tables.grid(console, f"Difference from {shares['reference']}", ["", "mm²"], rows)
 
 
 def _show_written_model(console, held_out, unit: str) -> None:
@@ -325,10 +331,11 @@ def _moved_balls(balls) -> str:
 
 def _show_differences(console, found) -> None:
     """Parameters, noise and physics by which a recording differs from its simulation."""
-    rows = [
-        [f"{row['where']} {row['name']}", row["value"], row["std"], row["unit"], row["sigmas"]]
-        for row in found["parameters"]
-    ]
+    rows = []
+    for row in found["parameters"]:
+        unit, factor = ("deg", _DEGREES) if row["unit"] == "rad" else (row["unit"], 1.0)
+        size, std = factor * row["value"], factor * row["std"]
+        rows.append([f"{row['where']} {row['name']}", size, std, unit, row["sigmas"]])
     title = f"Parameters that differ, of {found['parameters_tested']}"
     head = ["parameter", "difference", "std", "unit", "sigmas"]
     if rows:

@@ -13,7 +13,7 @@ import numpy as np
 
 from robot_model.measurements import samples_of
 from robot_model.system import RobotChain, bind, geometry_free
-from workbench.core.distributions import chi2, fisher
+from workbench.core.distributions import chi2, fisher, norm
 from workbench.core.effect import Effect
 from workbench.core.least_squares.identifiability import identifiability
 from workbench.core.least_squares.solver import Fit, solve
@@ -22,6 +22,10 @@ from workbench.core.parameters import Parameters
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL
 from workbench.explanation.comparison.alternatives import alternative_sets
 from workbench.explanation.comparison.reference import Reference
+from workbench.explanation.comparison.uncertain_reference import (
+    ValueUncertainty,
+    generalised_least_squares,
+)
 from workbench.explanation.result import Diagnosis
 from workbench.explanation.term_steps import step_of_simulation
 from workbench.fitting.calibration_plans.plans import frames_of
@@ -76,8 +80,9 @@ def differences(
     all_differences = _solved(model, _free(model, start, candidates))
     start = replace(start, table=all_differences.parameters.table)
     model = replace(model, chain=_scaled(model.chain, all_differences.sigma_scale), _bases={})
-    fit = solve(model, _free(model, start, chosen))
-    rows = _rows(model, start, fit, candidates, chosen)
+    compared = _ComparedWith(model, start, candidates, reference.uncertainty)
+    fit, estimates = compared.significant(chosen)
+    rows = _rows(model, start, fit, candidates, estimates)
     noise = _noise(reference, moving, all_differences)
     return Differences(tuple(rows[:_MAX_NAMED]), noise, len(candidates))
 
@@ -232,15 +237,64 @@ def _pruned(columns, white, chosen: list[int], degrees: int, limit: float) -> li
     return chosen
 
 
-def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
-    """A row a parameter: difference, standard deviation, sigmas, RMS displacement, what it is confounded with."""
-    known = identifiability(fit.normal, fit.parameters, 1.0)
-    std = dict(zip(known.keys, np.sqrt(np.diag(known.covariance))))
-    confounded_terms = _confounded(model, start, fit, candidates, chosen)
+@dataclass(frozen=True)
+class _ComparedWith:
+    """A model at the values `start` of a reference, whose `uncertainty` (None: none) counts as noise of its own.
+
+    `candidates`: keys of the parameters that may differ.
+    """
+
+    model: _Compared
+    start: Parameters
+    candidates: Sequence[str]
+    uncertainty: ValueUncertainty | None
+
+    def significant(self, chosen: Sequence[str]) -> tuple[Fit, dict[str, tuple[float, float]]]:
+        """Those of the selected parameters that differ by more than both uncertainties: fit, and estimates by key.
+
+        The least significant one leaves first; what it showed is then a possible error of the reference.
+        """
+        limit = norm.isf(DATA_FAULT_LEVEL / (2 * max(len(self.candidates), 1)))
+        remaining = list(chosen)
+        while True:
+            fit = solve(self.model, _free(self.model, self.start, remaining))
+            estimates = self._estimates(fit, remaining)
+            if self.uncertainty is None or not remaining:
+                return fit, estimates
+            sigmas = {key: abs(change) / std for key, (change, std) in estimates.items()}
+            weakest = min(sigmas, key=sigmas.get)
+            if sigmas[weakest] >= limit:
+                return fit, estimates
+            remaining.remove(weakest)
+
+    def _estimates(self, fit: Fit, chosen: Sequence[str]) -> dict[str, tuple[float, float]]:
+        """Difference and standard deviation of each chosen parameter."""
+        change = fit.parameters.values - self.start.values
+        indices = [self.start.index[key] for key in chosen]
+        if self.uncertainty is None or not chosen:
+            known = identifiability(fit.normal, fit.parameters, 1.0)
+            std = dict(zip(known.keys, np.sqrt(np.diag(known.covariance))))
+            return {key: (float(change[i]), float(std[key])) for key, i in zip(chosen, indices)}
+        names, orthogonal, white, _ = _projected(self.model, fit.parameters, self.candidates)
+        typical = fit.parameters.typical
+        columns = orthogonal[[names.index(key) for key in chosen]]
+        unfitted = white - (change[indices] / typical[indices]) @ columns
+        sizes = typical[[self.start.index[name] for name in names]]
+        common = self.uncertainty.factor(names, sizes).T @ orthogonal
+        coefficients, std = generalised_least_squares(columns, -unfitted, common)
+        scale = typical[indices]
+        return dict(zip(chosen, zip((coefficients * scale).tolist(), (std * scale).tolist())))
+
+
+def _rows(model, start, fit: Fit, candidates, estimates: Mapping) -> list[dict]:
+    """A row a parameter: difference, standard deviation, sigmas, RMS displacement, what it is confounded with.
+
+    estimates: difference and standard deviation of each parameter, by key.
+    """
+    confounded_terms = _confounded(model, start, fit, candidates, list(estimates))
     parameters_of_row = []
-    for key in chosen:
+    for key, (change, std) in estimates.items():
         index = start.index[key]
-        change = float(fit.parameters.values[index] - start.values[index])
         column = model.linearise(fit.parameters.only(np.arange(len(start)) == index))[1][0, :3]
         where, _, name = key.partition(".")
         parameters_of_row.append(
@@ -248,8 +302,8 @@ def _rows(model, start, fit: Fit, candidates, chosen) -> list[dict]:
                 "name": name,
                 "where": where,
                 "value": change,
-                "std": float(std[key]),
-                "sigmas": abs(change) / max(float(std[key]), 1e-300),
+                "std": std,
+                "sigmas": abs(change) / max(std, 1e-300),
                 "unit": start.table[index].unit,
                 "size_mm": float(np.sqrt(((column * change) ** 2).sum(0).mean())),
                 "confounded_with": confounded_terms[key],

@@ -24,6 +24,7 @@ from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 from workbench.core.robot_files.robot_description import file_and_tip, is_description
+from workbench.explanation.comparison.uncertain_reference import ValueUncertainty
 from workbench.files.solution_file import read_solution
 from workbench.fitting.calibration_plans.plans import frames_of
 from workbench.fitting.cross_validation import in_space
@@ -38,7 +39,7 @@ class Reference:
 
     `robot_keys`: what `load_robot` makes the robot of. `sigma_mm`: the noise that the reference states. `notes`:
     sentences for what its file says and the comparison does not use. `group_names`: of the reflectors that it knows by
-    numbers.
+    numbers. `uncertainty`: of the values that an earlier calibration estimated; None for a simulation.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Reference:
     sigma_mm: float | None = None
     notes: tuple[str, ...] = ()
     group_names: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    uncertainty: ValueUncertainty | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,13 @@ def reference_of(
     keys = dict(arm.keys["robot"])
     names = arm.keys.get("group_names", {})
     return Reference(
-        f"solution {solution}", arm.robot, arm.effects, arm.values, keys, group_names=names
+        f"solution {solution}",
+        arm.robot,
+        arm.effects,
+        arm.values,
+        keys,
+        group_names=names,
+        uncertainty=ValueUncertainty(arm.free, arm.covariance),
     )
 
 
