@@ -153,6 +153,9 @@ def test_commands_refuse_with_status_2_and_warn_with_the_option(negated, tmp_pat
             command
         )
         assert TRUST_DATA in " ".join(trusted.stderr.split()), command
+        if command == "calibrate":
+            sentence = json.loads(trusted.stdout)["verdict"]["sentence"]
+            assert "the recording is in doubt" in sentence
 
 
 def test_a_jump_that_the_model_makes_is_no_doubt_about_it():

@@ -64,6 +64,16 @@ def remark_on_kind(measures: str) -> str:
     return f"{meaning} The 3-D error of the arm may be larger."
 
 
+def remark_on_suspicions(suspicions: Sequence[str]) -> str:
+    """That a mistake in the recording is suspected, which the warnings of the calibration state; "" for none."""
+    if not suspicions:
+        return ""
+    return (
+        "But the recording is in doubt: read the warning first. `workbench compensate` refuses this calibration "
+        "until its cause is corrected."
+    )
+
+
 def units_of(measures: str) -> tuple[str, ...]:
     """Units of the tolerances that a calibration of this kind of recording can judge; the first is the default."""
     return ("mm", "deg") if measures in _ORIENTED else ("mm",)
