@@ -92,9 +92,11 @@ def test_the_exported_module_needs_no_history_and_takes_a_side():
         np.testing.assert_allclose(plain.flange_poses(readings, covariates), wanted, atol=1e-9)
 
 
-@pytest.mark.parametrize(("where", "is_corrected"), [("base", False), ("tool", True)])
-def test_a_step_of_the_base_is_no_error_of_the_arm(tmp_path, where, is_corrected):
-    """A moved instrument makes the same: 8 mm of it would send every target 8 mm off."""
+@pytest.mark.parametrize(
+    ("where", "is_corrected"), [("base", False), ("tool", False), ("link-2", True)]
+)
+def test_a_step_beyond_base_or_flange_is_no_error_of_the_arm(tmp_path, where, is_corrected):
+    """A moved instrument or a remounted reflector makes the same: 8 mm of it would send every target 8 mm off."""
     step = {"effect": "shift", "where": where, "after": 40.5}
     keys = dict.fromkeys((f"{where}.shift.{name}" for name in ("y", "z", "rx", "ry", "rz")), 0.0)
     keys[f"{where}.shift.x"] = 8.0

@@ -128,7 +128,7 @@ def test_points_of_a_registration(tmp_path):
     assert names == ["A", "B"]
     np.testing.assert_allclose(points, [[1500, 2000, 3000], [2500, 2000, 3000]])
     path.write_text("X;Y;Z\n1,5;2;3\n2,5;2;3\n")
-    with pytest.raises(InputError, match=r'as in "X \[mm\]"[^-]*$'):
+    with pytest.raises(InputError, match=r'as in "X \[mm\]", or add --unit'):
         read_points(path)
 
 

@@ -8,7 +8,6 @@ than that.
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from sensors.light.board_chain import BoardStripeChain
 from sensors.stripe.surface_bias.surface_line import (
@@ -18,6 +17,7 @@ from sensors.stripe.surface_bias.surface_line import (
     SurfaceLine,
     line_on_boards,
 )
+from workbench.core.distributions import chi2
 from workbench.core.rigid import rotation_matrix
 
 _FEWEST_ROWS = 20  # of an image, whose median is then known well enough
