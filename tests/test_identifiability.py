@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+import scenes
 from robot_model.system import geometry_free
 from scenes import KINDS, model_of, observed, scene
 from workbench.core.least_squares.identifiability import identifiability, independent
 from workbench.core.least_squares.solver import normal_matrix, solve
 from workbench.core.parameters import Parameter, Parameters
 from workbench.core.solution import Solution
+from workbench.jobs.robot import identify
 
 TOOL = {
     "ball-centre": "sensor.*",
@@ -227,3 +229,26 @@ def test_samples_of_one_pose_widen_the_covariance_and_never_narrow_it():
     narrow = Solution(fit.parameters, fit, {}, {}, scores=inverse / 9)
     np.testing.assert_allclose(np.diag(wide.covariance) / np.diag(plain), 9, rtol=1e-3)
     np.testing.assert_allclose(narrow.covariance, plain)
+
+
+def first_stage_of(recording):
+    return identify.identifiability(recording, trust_data=True)["stages"][0]
+
+
+def test_gauge_freedoms_are_separate_from_what_these_poses_leave_open(monkeypatch):
+    moving = first_stage_of(upright().recording)
+    readings = scenes._readings
+
+    def with_a_still_wrist(rng, robot, n):
+        drawn = readings(rng, robot, n)
+        drawn[:, 3:] = 0.2
+        return drawn
+
+    monkeypatch.setattr(scenes, "_readings", with_a_still_wrist)
+    still = first_stage_of(upright().recording)
+    assert moving["undetermined"] == moving["undetermined_in_any_poses"]
+    of_any_poses = set(still["undetermined_in_any_poses"])
+    assert len(of_any_poses) == len(moving["undetermined"])
+    in_these_poses = set(still["undetermined"]) - of_any_poses
+    assert any("joint 4's" in text or "joint 5's" in text for text in in_these_poses)
+    assert still["identifiable"] == moving["identifiable"] - len(in_these_poses)

@@ -81,7 +81,7 @@ def test_the_camera_lies_within_its_stated_sigmas(runs, what):
 def run_of(found):
     """What the warnings of a run read, without images, camera and review."""
     absent = dict.fromkeys(("calibration", "board", "review", "camera_trust", "free"))
-    return SimpleNamespace(made=found, names=(), is_of_target_poses=False, **absent)
+    return SimpleNamespace(made=found, names=(), views=(), is_of_target_poses=False, **absent)
 
 
 @pytest.mark.parametrize(("what", "named"), [("lines", "lines of the board"), ("lens", "lens")])
@@ -155,3 +155,13 @@ def test_lines_of_a_board_of_circles_are_those_of_the_board():
         found.append(hand_eye_from_views(views, BOARD, CAMERA, flange, "in-hand"))
     for one in found:
         assert one.misfit.significant and "lines of the board" in one.misfit.errors.names
+
+
+def test_blurred_images_are_named(runs):
+    run = run_of(runs["clean"][0][1])
+    views = [SimpleNamespace(image=f"{k}.png", blur_px=width) for k, width in enumerate((0.6, 3.0))]
+    assert not any("blurred" in warning for warning in handeye_warnings(run))
+    warnings = handeye_warnings(SimpleNamespace(**{**vars(run), "views": views}))
+    assert any(
+        "1 of 2 images are blurred" in warning and "1.png" in warning for warning in warnings
+    )

@@ -683,7 +683,8 @@ def identifiability(
     Entries of the result:
 
     - `stages`: one row for each stage: number of `free` parameters and of `identifiable`
-      combinations, `undetermined` in words, observability indices `O1` ... `O5`.
+      combinations, `undetermined` in words (`undetermined_in_any_poses`: the gauge freedoms of
+      them), observability indices `O1` ... `O5`.
 
     Method: observability indices as of Sun & Hollerbach (ICRA 2008).
 

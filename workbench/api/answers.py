@@ -52,7 +52,8 @@ ANSWERS: dict[str, dict[str, str]] = {
     },
     "identifiability": {
         "stages": "one row for each stage: number of `free` parameters and of `identifiable` combinations, "
-        "`undetermined` in words, observability indices `O1` ... `O5`.",
+        "`undetermined` in words (`undetermined_in_any_poses`: the gauge freedoms of them), observability indices "
+        "`O1` ... `O5`.",
     },
     "poses": {
         "samples": "numbers of the chosen samples; `table('poses')` has their joint readings (deg).",

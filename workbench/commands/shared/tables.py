@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from workbench.core.text.confounded import confounded_lists
 from workbench.core.text.stiffness_text import holds_for, stiffness_table
 
 MEASURES = ("rms_mm", "mean_mm", "p95_mm", "max_mm")
@@ -79,14 +80,8 @@ def identifiability(console, answer: Mapping) -> None:
         head,
         rows,
     )
-    known_texts: set[str] = set()
-    for stage in answer["stages"]:
-        new_sentences = [
-            sentence for sentence in stage["undetermined"] if sentence not in known_texts
-        ]
-        known_texts.update(new_sentences)
-        if new_sentences:
-            _listing(console, f"not identifiable with {stage['name']}", new_sentences)
+    for title, sentences in confounded_lists(answer["stages"]):
+        _listing(console, f"Not identifiable {title}", sentences)
 
 
 def number(value, digits: int = 4) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from robot_model.postures.task_priority import LEVER_MM
 from sensors.hand_eye.checks.review import UNEXPLAINED
 from sensors.hand_eye.result import HandEye
-from workbench.fitting.verdicts.sensor_verdict import repeated_warnings
+from workbench.fitting.verdicts.sensor_verdict import blurred_images, repeated_warnings
 from workbench.fitting.verdicts.verdict import (
     Noise,
     Residual,
@@ -274,7 +274,7 @@ def _excess_cause(hand_eye: HandEye) -> str:
 
 
 def handeye_warnings(run) -> list[str]:
-    """Warnings about a hand-eye result: suspected mistakes, unidentifiable parameters, rejected images."""
+    """Warnings about a hand-eye result: suspected mistakes, unidentifiable parameters, blurred or rejected images."""
     hand_eye, causes = run.made, undetermined_causes(run)
     left_out = [
         f"{name if run.board is None else f'image {name}'}: {row.why}"
@@ -289,6 +289,7 @@ def handeye_warnings(run) -> list[str]:
         *([] if causes or hand_eye.dependence is None else [_dependence(hand_eye)]),
         *_misfit(run),
         *_few_poses(run),
+        *blurred_images(run.views),
         *left_out,
     ]
 

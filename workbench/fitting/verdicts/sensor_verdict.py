@@ -110,14 +110,14 @@ def camera_warnings(calibration) -> list[str]:
             *_unknown_focal_length(calibration),
             *_focal(calibration),
             *_shared(calibration),
-            *_blurred(calibration.views),
+            *blurred_images(calibration.views),
             *_lines(calibration.left_out_lines, "; they contradict all others and are left out"),
         ]
     return [
         f"{POOR_WORDS}: corners miss their predicted places by {verdict.residual:.3g} px, "
         f"{verdict.residual_over_noise:.3g} times their noise; check kind, columns and rows under [board], that all "
         f"images are of one camera with fixed focus, and that the board is flat{_wide(calibration)}",
-        *_blurred(calibration.views),
+        *blurred_images(calibration.views),
         *_lines(calibration.displaced_lines),
     ]
 
@@ -249,7 +249,7 @@ def _focal(calibration) -> list[str]:
     return [f"{DOUBT_WORDS}: {focal.sentence}{other}"]
 
 
-def _blurred(views) -> list[str]:
+def blurred_images(views) -> list[str]:
     """A warning on images whose edges are wider than those of a lens in focus."""
     blurred = [view for view in views if view.blur_px > _BLURRED_PX]
     if not blurred:

@@ -1,12 +1,14 @@
 """Identifiability of the parameters by a recording: `workbench identifiability`."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from robot_model.effects import CATALOGUE
-from robot_model.system import bind, geometry_free, held_by_convention
+from robot_model.robot import Robot
+from robot_model.system import RobotChain, bind, geometry_free, held_by_convention
 from workbench.core.effect import make_effects
 from workbench.core.least_squares.identifiability import identifiability as look
 from workbench.core.least_squares.solver import normal_matrix
@@ -19,9 +21,23 @@ from workbench.fitting.calibration_plans.plans import (
     with_known_values,
 )
 from workbench.fitting.checked_samples import check_samples
+from workbench.jobs.robot.random_poses import at_random_poses
 from workbench.machine.progress import counted
 
 _NOMINAL_SIGMA_MM = 0.05
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """The chain at the recorded poses and, with the same reflectors and loads, at random ones.
+
+    scale: ratio of the residuals to the sigmas that the recording states, or the sigma taken, mm.
+    """
+
+    robot: Robot
+    recorded: RobotChain
+    anywhere: RobotChain
+    scale: float
 
 
 def identifiability(
@@ -40,20 +56,22 @@ def identifiability(
     checked = check_samples(recording, trust_data)
     moving, robot = checked.recording, checked.robot
     chain = bind(robot, moving)
+    anywhere = bind(robot, at_random_poses(moving, robot), start=chain.start)
     scale = _NOMINAL_SIGMA_MM if recording.sigma is None else 1.0
+    arm = _Arm(robot, chain, anywhere, scale)
     stages: list[dict] = []
     if plan is None:
         rows = default_plan(chain)
         begin = counted(progress, len(rows))
         for stage in rows:
             begin(f"stage {stage.name}")
-            stages.append(_stage(chain, robot, stage, scale))
+            stages.append(_stage(arm, stage))
     else:
         rows = read_plan(plan)
         begin = counted(progress, len(rows))
         for k, stage in enumerate(rows, 1):
             begin(f"stage {stage.name}")
-            stages.append(_stage_of_plan(chain, rows[:k], rows, scale))
+            stages.append(_stage_of_plan(arm, rows[:k], rows))
     return {
         "measures": recording.measures,
         "samples": moving.n,
@@ -64,45 +82,47 @@ def identifiability(
     }
 
 
-def _stage(chain, robot, stage, scale) -> dict:
-    model = Model(chain, make_effects(CATALOGUE, stage.effects))
-    parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(robot))
-    effect_parameters = [p.key for effect in model.effects for p in effect.parameters(chain)]
-    return _stage_answer(
-        stage,
-        model,
-        (parameters.free(*effect_parameters) if effect_parameters else parameters).nudged(),
-        scale,
-        robot,
-    )
+def _stage(arm: _Arm, stage) -> dict:
+    effects = make_effects(CATALOGUE, stage.effects)
+    model = Model(arm.recorded, effects)
+    parameters = model.parameters.free(*frames_of(model.parameters), *geometry_free(arm.robot))
+    effect_parameters = [p.key for effect in effects for p in effect.parameters(arm.recorded)]
+    if effect_parameters:
+        parameters = parameters.free(*effect_parameters)
+    return _stage_answer(stage, arm, effects, parameters.nudged(), held_by_convention(arm.robot))
 
 
-def _stage_of_plan(chain, upto, plan, scale) -> dict:
+def _stage_of_plan(arm: _Arm, upto, plan) -> dict:
     """The last of the stages `upto` with all before it, and with what the whole plan holds."""
     rows = [row for stage in upto for row in stage.effects]
     effects = make_effects(CATALOGUE, rows)
-    model = Model(chain, effects)
-    start = with_known_values(model.parameters, plan)
+    start = with_known_values(Model(arm.recorded, effects).parameters, plan)
     mask = start.matching(*frames_of(start))
     for stage in upto:
-        mask |= stage_mask(start, stage, make_effects(CATALOGUE, stage.effects), chain)
+        mask |= stage_mask(start, stage, make_effects(CATALOGUE, stage.effects), arm.recorded)
     parameters = start.only(mask & start.mask).nudged()
-    return _stage_answer(upto[-1], model, parameters, scale)
+    return _stage_answer(upto[-1], arm, effects, parameters, ())
 
 
-def _stage_answer(stage, model, parameters, scale, robot=None) -> dict:
-    """robot: whose Hayati rows are asked about too, in words."""
-    known = overall = look(normal_matrix(model, parameters), parameters, scale)
-    if robot is not None and (held_rows := held_by_convention(robot)):
-        everything = parameters.free(*held_rows)
-        overall = look(normal_matrix(model, everything), everything, scale)
+def _stage_answer(stage, arm: _Arm, effects, parameters, held_rows) -> dict:
+    """held_rows: keys of the Hayati rows, held by convention, that the sentences speak of too."""
+    model = Model(arm.recorded, effects)
+    known = look(normal_matrix(model, parameters), parameters, arm.scale)
+    everything = parameters.free(*held_rows) if held_rows else parameters
+    anywhere = look(normal_matrix(Model(arm.anywhere, effects), everything), everything, arm.scale)
+    # directions in which no measurement changes at random poses come first, and apart from the others
+    overall = replace(
+        look(normal_matrix(model, everything), everything, arm.scale), exact=anywhere.exact
+    )
+    sentences = overall.sentences()
     return {
         "name": stage.name,
         "free": len(known.keys),
         "identifiable": known.rank,
-        "undetermined": overall.sentences(),
+        "undetermined": sentences,
+        "undetermined_in_any_poses": sentences[: len(anywhere.exact)],
         "parameters": _predicted(known),
-        **known.observability(model.chain.sigma.shape[1]),
+        **known.observability(arm.recorded.sigma.shape[1]),
     }
 
 

@@ -6,15 +6,16 @@ import numpy as np
 
 from robot_model import load_robot
 from robot_model.measurements import end_recordings, samples_of
+from workbench.core.text.confounded import confounded_lists
 from workbench.report import style
 from workbench.report.planning import arm_space, observability
 from workbench.report.sections import Page, Section, facts, figure, note, table, words
 from workbench.report.text import rounded, shown_unit
 
 _GAUGE = (
-    "A direction in which no measurement changes is a gauge freedom: predictions and corrections do not depend on it, "
-    "and no action is needed. A direction that is only weakly determined is improved by other poses, see "
-    "`workbench poses`."
+    "A combination that is not identifiable in any poses is a gauge freedom: predictions and corrections do not depend "
+    "on it, and no action is needed. It was tested at random poses with the reflectors and loads of this recording. A "
+    "combination that is not identifiable in these poses is determined by others, see `workbench poses`."
 )
 
 
@@ -99,15 +100,10 @@ def _precision(answer):
 
 def _confounded(answer):
     yield words(_GAUGE)
-    known_sentences: set[str] = set()
-    for stage in answer["stages"]:
-        new_sentences = [
-            sentence for sentence in stage["undetermined"] if sentence not in known_sentences
-        ]
-        known_sentences.update(new_sentences)
-        if new_sentences:
-            yield note(f"With stage {stage['name']}", new_sentences)
-    if not known_sentences:
+    lists = confounded_lists(answer["stages"])
+    for title, sentences in lists:
+        yield note(title[0].upper() + title[1:], sentences)
+    if not lists:
         yield words("All free parameters are identifiable.")
 
 

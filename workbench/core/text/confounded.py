@@ -1,0 +1,21 @@
+"""Lists of the combinations of parameters that are not identifiable, for the terminal and the report page."""
+
+from collections.abc import Mapping, Sequence
+
+
+def confounded_lists(stages: Sequence[Mapping]) -> list[tuple[str, list[str]]]:
+    """Titles with their sentences: those of any poses and those of the recorded poses, each at its first stage.
+
+    stages: of the answer of `workbench identifiability`.
+    """
+    lists = []
+    listed: set[str] = set()
+    for stage in stages:
+        in_any_poses = stage["undetermined_in_any_poses"]
+        in_these_poses = [text for text in stage["undetermined"] if text not in in_any_poses]
+        for where, sentences in (("any", in_any_poses), ("these", in_these_poses)):
+            new_sentences = [text for text in sentences if text not in listed]
+            listed.update(new_sentences)
+            if new_sentences:
+                lists.append((f"in {where} poses, with {stage['name']}", new_sentences))
+    return lists
