@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from erring_scenes import erring
+from robot_model import load_robot
+from scenes import ABB
 from workbench.fitting.plausibility.fitting import fit_recording
 from workbench.fitting.plausibility.joint_columns.random_errors import random_errors
 
@@ -45,3 +47,33 @@ def test_random_errors_of_one_coordinate_are_named():
 @pytest.mark.parametrize("measures", ["external-point", "external-pose"])
 def test_a_sound_recording_has_none(measures):
     assert found_in(*erring(measures, 4)) is None
+
+
+def rail():
+    """The keys of an arm on a slide."""
+    rows = [
+        {"theta_deg": float(np.rad2deg(t)), "d_mm": float(d), "a_mm": float(a)}
+        | {"alpha_deg": float(np.rad2deg(alpha))}
+        for t, d, a, alpha, _ in load_robot(ABB).geometry
+    ]
+    slide = {"theta_deg": 0.0, "d_mm": 0.0, "a_mm": 0.0, "alpha_deg": -90.0, "kind": "prismatic"}
+    return {"name": "arm on a rail", "convention": "distal", "joint": [slide, *rows]}
+
+
+def measured_on_a_rail(error):
+    """Robot and recording with readings that miss `error` (mm) of the place (mm) on the rail."""
+    robot, recording = erring("external-point", 0, n=120, arm=rail())
+    place = recording.columns["q1_mm"]
+    return robot, with_column(recording, "q1_mm", place + error(place))
+
+
+def test_smooth_errors_of_a_slide_are_none():
+    assert found_in(*measured_on_a_rail(lambda q: 1.5 * ((q - 100) / 90) ** 2)) is None
+    assert found_in(*measured_on_a_rail(lambda q: 0.8 * np.sin(2 * np.pi * q / 130))) is None
+
+
+def test_random_errors_of_a_slide_are_named():
+    rng = np.random.default_rng(0)
+    found = found_in(*measured_on_a_rail(lambda q: rng.normal(0, 0.6, len(q))))
+    assert found.cause == "reading-noise" and "column q1_mm" in found.sentence
+    assert "mm (standard deviation)" in found.sentence

@@ -306,7 +306,9 @@ def _unexplained(robot, recording, recorded, scale_of_good_fit) -> Iterator[Susp
     else:
         sentences = []
     yield from sentences
-    one_coordinate = None if sentences else wrong_coordinate_suspicion(robot, recording)
+    one_coordinate = None
+    if not sentences:
+        one_coordinate = wrong_coordinate_suspicion(robot, recording, scale_of_good_fit)
     if one_coordinate is not None:
         yield one_coordinate
         return

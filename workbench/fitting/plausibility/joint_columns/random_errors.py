@@ -75,7 +75,8 @@ def random_errors(robot, recording, recorded: Fit) -> Suspicion | None:
         return None
     if not _is_better(model.undirected, noise, _REMAINING):
         return None
-    smooth = model.with_columns(smooth_functions(chosen.joints)[:, None, :] * best.direction)
+    functions = smooth_functions(chosen.joints, robot.prismatic)
+    smooth = model.with_columns(functions[:, None, :] * best.direction)
     rough = smooth.fit(best.direction)
     if not _is_better(smooth.undirected, rough, _REMAINING_NEXT_TO_SMOOTH):
         return None
@@ -89,19 +90,37 @@ def _is_better(alone: DirectedNoise, noise: DirectedNoise, remaining: float) -> 
     return gain > _EVIDENCE and noise.isotropic < remaining * alone.isotropic
 
 
-def smooth_functions(joints: np.ndarray) -> np.ndarray:
-    """(K, n): a constant, a drift over the rows, and sines and cosines of joints (n, J), of sums and of twice a joint.
+def smooth_functions(joints: np.ndarray, prismatic: np.ndarray) -> np.ndarray:
+    """(K, n): a constant, a drift over the rows, and smooth functions of the readings of joints (n, J), rad or mm.
 
-    They span what gravity, links and the first two harmonics of gears make of the error of a joint.
+    They span what gravity, links and the first two harmonics of gears make of the error of a joint: sines and cosines
+    of revolute joints, of sums and of twice a joint. A slide errs with its place, in up to two periods over its travel,
+    and is a lever of what gravity makes. prismatic (J,): which joints slide.
     """
-    n, count = joints.shape
+    n = len(joints)
     functions = [np.ones(n), np.linspace(-1.0, 1.0, n)]
-    for first in range(count):
-        functions += [np.cos(2 * joints[:, first]), np.sin(2 * joints[:, first])]
-        for last in range(first, count):
-            angle = joints[:, first : last + 1].sum(1)
-            functions += [np.cos(angle), np.sin(angle)]
+    angles = joints[:, ~prismatic]
+    places = [_place_in_travel(travel) for travel in joints[:, prismatic].T]
+    for first in range(angles.shape[1]):
+        functions += _sine_and_cosine(2 * angles[:, first])
+        for last in range(first, angles.shape[1]):
+            waves = _sine_and_cosine(angles[:, first : last + 1].sum(1))
+            functions += [*waves, *(place * wave for place in places for wave in waves)]
+    for place in places:
+        functions.append(place)
+        for half_periods in range(1, 5):
+            functions += _sine_and_cosine(half_periods * np.pi / 2 * place)
     return np.array(functions)
+
+
+def _sine_and_cosine(angle: np.ndarray) -> list[np.ndarray]:
+    return [np.cos(angle), np.sin(angle)]
+
+
+def _place_in_travel(travel: np.ndarray) -> np.ndarray:
+    """(n,) places mm of a slide, as -1 to 1 over the travel that is recorded; 0 where it does not move."""
+    half = np.ptp(travel) / 2
+    return (travel - travel.min()) / half - 1 if half > 0 else np.zeros_like(travel)
 
 
 def _columns(robot, recording, fit: Fit, linear, good: float) -> Mapping[str, _Column]:

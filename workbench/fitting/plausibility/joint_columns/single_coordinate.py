@@ -27,15 +27,19 @@ _MEASURES = ("external-point", "external-pose")
 
 @dataclass(frozen=True)
 class _Coordinate:
-    """A coordinate fitted by itself: RMS misfit relative to its scatter, direction r (3,) and r t^T (3, 3)."""
+    """A coordinate fitted by itself: RMS misfit relative to its scatter, and in mm; direction r (3,), r t^T (3, 3)."""
 
     misfit: float
+    misfit_mm: float
     direction: np.ndarray
     products: np.ndarray
 
 
-def wrong_coordinate_suspicion(robot, recording) -> Suspicion | None:
-    """The one coordinate that does not fit the joint readings while each of the others does, or None."""
+def wrong_coordinate_suspicion(robot, recording, scale_of_good_fit: float) -> Suspicion | None:
+    """The one coordinate that does not fit the joint readings while each of the others does, or None.
+
+    scale_of_good_fit: mm that noise and a sound arm leave. Points at one height fit no joint reading, and need not.
+    """
     if recording.measures not in _MEASURES:
         return None
     recording = _of_one_target(recording)
@@ -48,9 +52,10 @@ def wrong_coordinate_suspicion(robot, recording) -> Suspicion | None:
     misfits = np.array([coordinate.misfit for coordinate in fitted])
     wrong = int(np.argmax(misfits))
     others = [k for k in range(3) if k != wrong]
-    if misfits[others].max() > _FITS or misfits[wrong] < _FACTOR * max(
-        misfits[others].max(), _FITS
-    ):
+    largest_of_others = misfits[others].max()
+    if largest_of_others > _FITS or misfits[wrong] < _FACTOR * max(largest_of_others, _FITS):
+        return None
+    if fitted[wrong].misfit_mm < scale_of_good_fit:
         return None
     predicted = _prediction(origin, rotation, [fitted[k] for k in others])
     values = recording.columns[POINT[wrong]]
@@ -75,7 +80,8 @@ def _fitted(origin, rotation, values) -> _Coordinate:
     left = values - matrix @ solution
     misfit = np.sqrt((left**2).sum() / (len(values) - _COEFFICIENTS))
     scatter = max(float(np.std(values)), 1e-9)
-    return _Coordinate(float(misfit) / scatter, solution[1:4] / 1000.0, solution[4:].reshape(3, 3))
+    direction, products = solution[1:4] / 1000.0, solution[4:].reshape(3, 3)
+    return _Coordinate(float(misfit) / scatter, float(misfit), direction, products)
 
 
 def _prediction(origin, rotation, others) -> np.ndarray:
@@ -87,9 +93,8 @@ def _prediction(origin, rotation, others) -> np.ndarray:
 
 
 def jump_of(deviations: np.ndarray) -> float:
-    """The jump of which all deviations (n,) mm from their median are multiples; 0 where there is none."""
-    centred = deviations - np.median(deviations)
-    ordered = np.sort(centred)
+    """The jump of which all deviations (n,) mm from one another are multiples; 0 where there is none."""
+    ordered = np.sort(deviations)
     gaps = np.diff(ordered)
     largest = float(gaps.max(initial=0.0))
     wide = np.flatnonzero(gaps > 0.5 * largest)
@@ -97,7 +102,8 @@ def jump_of(deviations: np.ndarray) -> float:
     if len(levels) < 2:
         return 0.0
     jump = float(np.min(np.diff(levels)))
-    remainder = (centred / jump + 0.5) % 1.0 - 0.5
+    # from the first level on: remainders from the median, half a jump from two levels, would have either sign
+    remainder = ((deviations - levels[0]) / jump + 0.5) % 1.0 - 0.5
     is_multiple = np.abs(remainder - np.median(remainder)) < _LEVEL
     return jump if is_multiple.all() else 0.0
 
@@ -106,12 +112,20 @@ def _suspicion(recording, name, others, values, predicted) -> Suspicion:
     candidates = (values - predicted, values + predicted)  # of a right- and a left-handed frame
     jump = max(jump_of(deviations) for deviations in candidates)
     deviations = min(candidates, key=np.std)
-    if jump:
+    # an overflow brings all values into a range as wide as its jump
+    is_overflow = np.ptp(values) <= (1 + _LEVEL) * jump
+    if jump and is_overflow:
         found = (
             f"the values of {name} jump by multiples of {jump:.5g} mm, as of an overflow of its number format; "
             "export this column in a wider number format"
         )
         cause = "overflow"
+    elif jump:
+        found = (
+            f"the values of {name} jump by multiples of {jump:.5g} mm between rows; check whether the column mixes "
+            "values of different origins"
+        )
+        cause = CAUSE
     else:
         found = (
             f"the values of {name} are off by {np.std(deviations):.3g} mm (standard deviation); "
