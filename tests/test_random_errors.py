@@ -67,9 +67,11 @@ def measured_on_a_rail(error):
     return robot, with_column(recording, "q1_mm", place + error(place))
 
 
-def test_smooth_errors_of_a_slide_are_none():
-    assert found_in(*measured_on_a_rail(lambda q: 1.5 * ((q - 100) / 90) ** 2)) is None
-    assert found_in(*measured_on_a_rail(lambda q: 0.8 * np.sin(2 * np.pi * q / 130))) is None
+@pytest.mark.parametrize(
+    "error", [lambda q: 1.5 * ((q - 100) / 90) ** 2, lambda q: 0.8 * np.sin(2 * np.pi * q / 130)]
+)
+def test_smooth_errors_of_a_slide_are_none(error):
+    assert found_in(*measured_on_a_rail(error)) is None
 
 
 def test_random_errors_of_a_slide_are_named():
@@ -77,3 +79,17 @@ def test_random_errors_of_a_slide_are_named():
     found = found_in(*measured_on_a_rail(lambda q: rng.normal(0, 0.6, len(q))))
     assert found.cause == "reading-noise" and "column q1_mm" in found.sentence
     assert "mm (standard deviation)" in found.sentence
+
+
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_a_gap_that_follows_the_side_of_approach_is_no_random_error(is_recorded):
+    robot, recording = erring("external-point", 3, n=300, reflectors={1: (60.0, 40.0, 90.0)})
+    angle = recording.columns["q2_deg"]
+    side = np.sign(np.diff(angle, prepend=angle[0] - 1))
+    if is_recorded:
+        side = np.random.default_rng(1).choice([-1.0, 1.0], recording.n)
+        recording = with_column(recording, "approach2", side)
+    assert found_in(robot, with_column(recording, "q2_deg", angle + 0.06 * side)) is None
+    random = np.random.default_rng(2).choice([-0.06, 0.06], recording.n)
+    found = found_in(robot, with_column(recording, "q2_deg", angle + random))
+    assert found.cause == "reading-noise" and "column q2_deg" in found.sentence

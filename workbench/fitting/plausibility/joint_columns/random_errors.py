@@ -2,8 +2,9 @@
 
 Readings that were commanded instead of measured, a loose encoder, or one bad axis of an instrument displace every
 measured point along one known line, by an amount that is independent from pose to pose. Gears, springs and gravity
-displace it along the same line, but as a smooth function of the pose: the column is named only where its variance
-component explains the residual also next to trigonometric functions of all joints.
+displace it along the same line, but as a smooth function of the pose, and a gap or friction by the side from which a
+joint comes: the column is named only where its variance component explains the residual also next to trigonometric
+functions of all joints and to these sides.
 """
 
 from collections.abc import Mapping
@@ -11,7 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from datasets.samples.columns import POINT, joint_columns
+from datasets.samples.columns import POINT, joint_columns, joint_number
+from robot_model.system import bind
+from workbench.core.covariates import last_side
 from workbench.fitting.plausibility.fitting import FAILURES, Fit, fit_recording, row_residual
 from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.joint_columns.variance_model import DirectedNoise, VarianceModel
@@ -55,7 +58,8 @@ def random_errors(robot, recording, recorded: Fit) -> Suspicion | None:
     """
     if recorded.degrees < _LEAST_DEGREES:
         return None
-    chosen = recording.select(even_rows(recording, _ROWS))
+    rows = even_rows(recording, _ROWS)
+    chosen = recording.select(rows)
     fit = fit_recording(robot, chosen, steps=_STEPS)
     linear = LinearisedFit.at(robot, chosen, fit)
     columns = _columns(robot, chosen, fit, linear, good_scale(robot, recording))
@@ -76,6 +80,8 @@ def random_errors(robot, recording, recorded: Fit) -> Suspicion | None:
     if not _is_better(model.undirected, noise, _REMAINING):
         return None
     functions = smooth_functions(chosen.joints, robot.prismatic)
+    if best.is_reading:
+        functions = np.vstack([functions, *sides_of(robot, recording, best.name)[:, rows]])
     smooth = model.with_columns(functions[:, None, :] * best.direction)
     rough = smooth.fit(best.direction)
     if not _is_better(smooth.undirected, rough, _REMAINING_NEXT_TO_SMOOTH):
@@ -111,6 +117,18 @@ def smooth_functions(joints: np.ndarray, prismatic: np.ndarray) -> np.ndarray:
         for half_periods in range(1, 5):
             functions += _sine_and_cosine(half_periods * np.pi / 2 * place)
     return np.array(functions)
+
+
+def sides_of(robot, recording, column: str) -> np.ndarray:
+    """(K, n), -1 to 1: from which side the joint of a column of readings came, as recorded and by its last move.
+
+    Only the rows of the whole recording, and not some of them, are the moves of the arm.
+    """
+    joint = joint_number(column)
+    covariates = bind(robot, recording).state.covariates
+    names = (f"approach{joint}", last_side(joint))
+    sides = [covariates[name] for name in names if name in covariates]
+    return np.array([side for side in sides if len(side) == recording.n]).reshape(-1, recording.n)
 
 
 def _sine_and_cosine(angle: np.ndarray) -> list[np.ndarray]:
