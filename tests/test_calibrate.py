@@ -7,6 +7,7 @@ import pytest
 
 from scenes import ABB, CRAIG, model_of, observed, scene
 from workbench.core.errors import InputError
+from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
 from workbench.jobs.robot.calibrate import calibrate
 
 SIGMA = 0.02
@@ -166,3 +167,30 @@ def test_a_flipped_joint_is_refused_by_name():
     flipped = dict(made.columns) | {"q4_deg": -made.columns["q4_deg"]}
     with pytest.raises(InputError, match="q4_deg"):
         calibrate(replace(made, columns=flipped))
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [("base", "the instrument or the base ("), ("tool", "the reflector, sensor or tool (")],
+)
+def test_a_part_that_moved_between_fitted_and_test_samples_is_named(part, words):
+    """The verdict blamed too few poses, whatever the test samples had in common."""
+    made = scene("external-point", n=60, sigma=SIGMA)
+    model = model_of(made)
+    values = dict(zip(model.parameters.keys, model.parameters.values))
+    is_moved = "base.x".__eq__ if part == "base" else lambda key: key.endswith("_x")
+    moved = {key: value + 2.0 for key, value in values.items() if is_moved(key)}
+    rng = np.random.default_rng(0)
+    before, after = (
+        observed(model, model.parameters.update(change), rng).chain.measurement.measured
+        for change in ({}, moved)
+    )
+    is_test = np.arange(60) >= 40
+    points = np.where(is_test, after, before)
+    columns = dict(made.recording.columns) | dict(zip(("x_mm", "y_mm", "z_mm"), points))
+    recording = replace(made.recording, columns=columns)
+    numbers = recording.sample_ids
+    found = calibrate(recording, "base-and-tool", numbers[~is_test], numbers[is_test])
+    sentence = calibration_verdict(found.held_out, found.noise).sentence
+    assert words in sentence and sentence.count("with it estimated on them") == 1
+    assert found.held_out["refitted_mm"][part] < 0.1 < found.held_out["rms_mm"]

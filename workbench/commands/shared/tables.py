@@ -183,6 +183,9 @@ def _errors(console, answer: Mapping) -> None:
         ]
         grid(console, title, [quantity, "RMS", "mean", "95 %", "max"], rows)
         title = ""
+    held_out = answer.get("held_out", {})
+    if "refitted_mm" in held_out:
+        console.print(f"Held out are the {held_out['samples']} test samples.")
 
 
 def _stages(console, stages: Sequence[Mapping]) -> None:

@@ -23,6 +23,8 @@ POSITION, ORIENTATION = "held-out RMS position error", "held-out RMS orientation
 # Cross-validation of a right model inflates the held-out error by about sqrt(1 + u/(N - u)), with u parameters and N
 # coordinates. At 1.5 times, parameters take more than half of the coordinates.
 _TOO_FEW = 1.5
+_PLACES = {"base": "the instrument or the base", "tool": "the reflector, sensor or tool"}
+_MOVED = 0.5  # share of the test error that remains once the part that moved is estimated on the test samples
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,8 @@ class _Quantity:
     """One judged quantity: held-out value, its noise, and the fit, raw (`fit`) and per degree of freedom (`corrected`).
 
     All in `unit`; `fit` and `corrected` nan where unknown. `is_above`: whether the fit exceeds the noise, None where
-    no noise is known. `degrees` of freedom of the held-out mean square.
+    no noise is known. `degrees` of freedom of the held-out mean square. `refitted`: errors of named test samples with
+    the base, or the tool, estimated on them; None where the held-out error is of folds.
     """
 
     name: str
@@ -41,6 +44,7 @@ class _Quantity:
     corrected: float
     is_above: bool | None
     degrees: float
+    refitted: Mapping[str, float] | None = None
 
 
 WITHIN_SCANS = "scatter of the points within the scans"
@@ -144,6 +148,7 @@ def _position(held_out: Mapping, report: NoiseReport) -> _Quantity:
         math.sqrt(found.components) * found.residual_rms,
         report.is_above if report.known_rms else report.is_above_scatter,
         found.components * found.samples,
+        held_out.get("refitted_mm"),
     )
 
 
@@ -193,9 +198,33 @@ def _too_few_poses(quantity: _Quantity) -> str:
     ratio = quantity.held_out / expected
     if ratio < _TOO_FEW or not is_far_above(ratio, quantity.degrees):
         return ""
+    errors = (
+        f"fit {quantity.fit:.2g} {quantity.unit}, held out {quantity.held_out:.2g} {quantity.unit}"
+    )
+    if quantity.refitted is None:
+        return (
+            f"too few poses for this model: {errors}; measure more poses, spread over the range of "
+            "every joint"
+        )
+    return _unlike_tests(quantity, errors)
+
+
+def _unlike_tests(quantity: _Quantity, errors: str) -> str:
+    """Why named test samples fit worse than the fitted ones: something moved, or they were measured differently."""
+    moved = [
+        f"{_PLACES[name]} ({error:.2g} mm with it estimated on them)"
+        for name, error in quantity.refitted.items()
+        if error < _MOVED * quantity.held_out
+    ]
+    if moved:
+        return (
+            f"between the fitted and the test samples {' or '.join(moved)} has moved: {errors}; "
+            "give a remounted reflector another number in the column reflector and fit both parts together; after a "
+            "moved instrument, fit each part alone"
+        )
     return (
-        f"too few poses for this model: fit {quantity.fit:.2g} {quantity.unit}, "
-        f"held out {quantity.held_out:.2g} {quantity.unit}; measure more poses, spread over the range of every joint"
+        f"the test samples do not agree with the fitted ones: {errors}; there are too few poses, or the test samples "
+        "were measured with another load, in other ranges of the joints, or on a changed arm"
     )
 
 

@@ -54,6 +54,7 @@ from workbench.fitting.scan_weights import weighed
 from workbench.fitting.verdicts.fit_quality import noise_report
 from workbench.fitting.verdicts.noise_report import NoiseReport
 from workbench.fitting.verdicts.residual_structure import in_root
+from workbench.jobs.robot.moved_tests import refitted_errors
 from workbench.jobs.robot.stages import (
     LARGE_SAMPLES,
     Chosen,
@@ -315,6 +316,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
     rotation = {name: in_rotation(residual) for name, residual in residuals.items()}
     shown = np.where(np.isfinite(held_out.position), held_out.position, position["fit"])
     points, arrows = in_root(step.model, parameters, shown)
+    moved_tests = _moved_tests(step.model, parameters, split, recording)
     remaining_doubts = checked.warnings_about(step.model)
     open_offsets = filter(None, [undetermined_offset_words(parameters, step.fixed_offsets)])
     return Calibration(
@@ -325,7 +327,7 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         results,
         tuple(parameter_rows(solution)),
         error_summary(step.fit.residual) | repeat_summary(recording, position["fit"]),
-        _held_out_summary(held_out, recording.sample_ids),
+        _held_out_summary(held_out, recording.sample_ids) | moved_tests,
         error_summary(before.residual),
         position["fit"],
         position["held_out"],
@@ -341,6 +343,13 @@ def _calibration(checked: CheckedSamples, chosen: Chosen, split: Split, progress
         remaining_doubts,
         checked.far_geometry,
     )
+
+
+def _moved_tests(model: Model, parameters: Parameters, split: Split, recording) -> dict:
+    """The key `refitted_mm` where test samples are named; {} otherwise."""
+    if not split.test.any():
+        return {}
+    return {"refitted_mm": refitted_errors(model, parameters, split.test, recording)}
 
 
 def _all_known(step: Step, parameters: Parameters, split: Split) -> Identifiability:
