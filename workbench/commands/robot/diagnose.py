@@ -221,6 +221,8 @@ def _report(diagnosis, folder: Path, progress) -> None:
 
 def show(console, result) -> None:
     """Print the answer of `diagnose --json`."""
+    from workbench.explanation.noise.replicates import UNKNOWN
+
     unit, held_out = result["unit"], result["held_out"]
     console.print(f"{result['recording']}: {result['verdict']}", style="bold", markup=False)
     tables.warnings(console, result)
@@ -236,7 +238,7 @@ def show(console, result) -> None:
         "before": "baseline",
         "after": "with the findings",
         "expected": "expected of a right model",
-        "noise": "noise",
+        "noise": "noise, at most" if held_out["noise_from"] == UNKNOWN else "noise",
     }
     units = [unit, "deg"] if "after_deg" in held_out else [unit]
     rows = [
