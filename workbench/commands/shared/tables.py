@@ -14,6 +14,7 @@ ROTATION_MEASURES = (
 )
 _LONGEST_NAME = 40
 _MOST_TERMS = 12
+_MOST_SENTENCES = 10
 _GAP = 2  # spaces between columns
 _BLOCKS = ("nominal", "fit", "held_out")
 _DEGREES = ("rotation_rms_deg", "held_out_rotation_rms_deg")
@@ -81,7 +82,9 @@ def identifiability(console, answer: Mapping) -> None:
         rows,
     )
     for title, sentences in confounded_lists(answer["stages"]):
-        _listing(console, f"Not identifiable {title}", sentences)
+        hidden_count = max(len(sentences) - _MOST_SENTENCES, 0)
+        rest = [f"{hidden_count} more, on the report page"] if hidden_count else []
+        _listing(console, f"Not identifiable {title}", [*sentences[:_MOST_SENTENCES], *rest])
 
 
 def number(value, digits: int = 4) -> str:
