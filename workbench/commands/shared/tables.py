@@ -83,8 +83,8 @@ def identifiability(console, answer: Mapping) -> None:
     )
     for title, sentences in confounded_lists(answer["stages"]):
         hidden_count = max(len(sentences) - _MOST_SENTENCES, 0)
-        rest = [f"{hidden_count} more, on the report page"] if hidden_count else []
-        _listing(console, f"Not identifiable {title}", [*sentences[:_MOST_SENTENCES], *rest])
+        remark = [f"{hidden_count} more, on the report page"] if hidden_count else []
+        _listing(console, f"Not identifiable {title}", [*sentences[:_MOST_SENTENCES], *remark])
 
 
 def number(value, digits: int = 4) -> str:
