@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import datasets
 from target_scenes import euler_deg, quaternions, rotation_vectors, target_scene
 from workbench.core.errors import InputError
-from workbench.core.rigid import inverse
+from workbench.core.rigid import inverse, transform
 from workbench.jobs.sensor.hand_eye import calibrate
 from workbench.recordings.importing import ImportOptions, import_recording
 from workbench.recordings.templates import write_template
@@ -216,3 +216,21 @@ def test_a_camera_on_the_flange_is_no_question_of_inverted_poses_at_the_other_pl
     made = _made([first, second], tmp_path)
     assert made.mapping.board == {"fixed_to": "base"}
     assert not any("inverted" in fit.title for fit in made.fits[:1])
+
+
+def test_exact_poses_are_no_question_of_inverted_ones(tmp_path):
+    """Of computed poses, rounding is left of either model, and says nothing."""
+    rng = np.random.default_rng(2)
+
+    def poses(count, size):
+        turns = Rotation.random(count, random_state=rng).as_matrix()
+        return transform(turns, rng.uniform(-size, size, (count, 3)))
+
+    (sensor, target), flange = poses(2, 500), poses(14, 500)
+    seen = inverse(flange @ sensor) @ target
+    cells = np.c_[flange[:, :3, 3], quaternions(flange), seen[:, :3, 3], quaternions(seen)]
+    path = tmp_path / "poses.csv"
+    np.savetxt(path, cells, fmt="%.17g", delimiter=",")
+    made = _made([path], tmp_path)
+    assert made.mapping.board == {"fixed_to": "base"}
+    assert any("poses of the camera in the target" in warning for warning in made.warnings)

@@ -12,8 +12,8 @@ from workbench.files import runs
 from workbench.fitting.verdicts.verdict import parse_tolerances
 
 _DIFFERENT = 0.1
-_DEGREES = 57.29577951308232  # of a radian
 """Relative difference of two held-out errors from which on both are shown."""
+_DEGREES = 57.29577951308232  # of a radian
 
 Simulation = Annotated[
     Path | None,

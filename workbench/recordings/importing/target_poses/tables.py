@@ -39,6 +39,7 @@ class UnexplainedPoses(InputError):
 _FEWEST = 4
 _SAME_MODEL = 1.5
 """Ratio of the misfits of the same model with target poses as written, and inverted, below which noise decides."""
+_COMPUTED_MM = 1e-3  # no camera sees a target better: of computed poses, what is left is rounding
 _GAP_DEG = 1.0  # more than an arm of any quality makes
 _KINDS = ("target-pose", "external-pose", "external-point", None)
 _REMEDY = (
@@ -100,7 +101,7 @@ def _is_same_model(item, compared, readings: list[TargetReading]) -> bool:
         other.mapping == reading.mapping
         and not other.inverted
         and other.poses.kind != reading.poses.kind
-        and other_fit.rms_mm <= _SAME_MODEL * fit.rms_mm
+        and other_fit.rms_mm <= _SAME_MODEL * max(fit.rms_mm, _COMPUTED_MM)
         for other, other_fit in ((readings[k], other_fit) for k, other_fit in compared)
     )
 
@@ -193,7 +194,8 @@ def _assumptions(rows: RawTable, reading: TargetReading):
     yield (
         f"{rows.file}: {flange.columns[0]} ... are read as poses of the flange in the base, {target.columns[0]} ... as "
         f"poses of the target in the camera{', inverted' if reading.inverted else ''}; {camera}. Exchanged or inverted "
-        "flange poses would give another transform that fits as well: make sure of them."
+        "flange poses would give another transform that fits as well, and so would poses of the camera in the target "
+        "with the camera at the other place: make sure of them."
     )
 
 
