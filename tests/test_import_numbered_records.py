@@ -148,3 +148,48 @@ def test_numbers_alone_name_records():
     assert [record["number"] for record in records] == [0, 1, 2] and "p_cam" in records[0]
     rows = numbered_records({str(k): [1.0, 2, 3] for k in range(5)}, "calib")
     assert rows[0] == {"number": 0, "calib": [1.0, 2, 3]}
+
+
+def columns_of(content) -> dict:
+    """Columns by name of the one table of a JSON value."""
+    (table,) = read_record_tables(Path("poses.json"), content)
+    return table.columns
+
+
+def test_a_record_without_one_of_the_names_has_a_gap_there():
+    records = {f"pose{k}": {"p": [k, 2.0, 3.0], "q": [0.0, 0.0, 0.0, 1.0]} for k in range(1, 7)}
+    del records["pose4"]["q"]
+    columns = columns_of(records)
+    assert columns["p 1"].tolist() == [1, 2, 3, 4, 5, 6]
+    assert np.flatnonzero(np.isnan(columns["q 4"])).tolist() == [3]
+
+
+def test_lists_next_to_numbered_poses_are_columns_of_their_rows():
+    poses = {f"T{k}": np.eye(4).tolist() for k in (3, 1, 2, 4, 5)}
+    columns = columns_of(poses | {"joints": [[k, 0.5] for k in (30, 10, 20, 40, 50)]})
+    assert columns["number"].tolist() == [1, 2, 3, 4, 5]
+    assert columns["joints 1"].tolist() == [10, 20, 30, 40, 50]
+
+
+def test_numbered_lists_as_long_as_those_of_a_point_are_columns():
+    content = {f"q{k}": [1.0, 2.0, 3.0, 4.0 + k] for k in range(1, 7)}
+    columns = columns_of(content | {name: [7.0, 8.0, 9.0, 1.0] for name in "xyz"})
+    assert columns["q6"].tolist() == [1, 2, 3, 10] and columns["x"].tolist() == [7, 8, 9, 1]
+
+
+def test_the_pose_of_a_tool_is_no_column_next_to_numbered_poses():
+    poses = {f"pose{k}": [k, 2.0, 3.0, 0.1, 0.2, 0.3] for k in range(1, 9)}
+    assert len(numbered_records(poses | {"tool": [0.0, 0, 100, 0, 0, 0]}, "pose")) == 8
+
+
+def test_two_lists_that_differ_in_a_separator_do_not_replace_one_another():
+    first = {f"pose{k}": [k, 1.0] for k in range(1, 6)}
+    second = {f"pose_{k}": [k, 2.0] for k in range(1, 6)}
+    assert numbered_records(first | second, "pose") is None
+    assert len(numbered_records(first, "pose")) == 5
+
+
+def test_dimensions_of_joints_do_not_hide_the_list_of_samples():
+    dimensions = {f"joint{k}": {"a": 1.0, "d": 2.0} for k in range(1, 7)}
+    samples = [{"x": float(k), "y": 1.0} for k in range(20)]
+    assert columns_of(dimensions | {"samples": samples})["x"].tolist() == list(range(20))

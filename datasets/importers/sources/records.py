@@ -11,7 +11,7 @@
 | `name` next to `position` (sensor_msgs/JointState), `joint_names` next to rows of values | the names |
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +81,7 @@ def record_lists(content, prefix: str, stem: str = "pose") -> Iterator[tuple[str
     """
     if isinstance(content, Mapping):
         rows = numbered_records(content, prefix or stem)
-        if rows is not None:
+        if rows is not None and len(rows) > _longest_list(content.values()):
             yield prefix, rows
             return
         for name, value in content.items():
@@ -91,6 +91,17 @@ def record_lists(content, prefix: str, stem: str = "pose") -> Iterator[tuple[str
             yield prefix, content
         elif all(_is_list_of_objects(row) for row in content):
             yield prefix, [{str(k): item for k, item in enumerate(row, 1)} for row in content]
+
+
+def _longest_list(values: Iterable) -> int:
+    """Length of the longest list of records, next to which numbered objects are a table of something else."""
+    lists = [
+        records
+        for value in values
+        if isinstance(value, list)
+        for _, records in record_lists(value, "")
+    ]
+    return max(map(len, lists), default=0)
 
 
 def _is_list_of_objects(row) -> bool:

@@ -212,6 +212,7 @@ def _numbered_rows(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {
         name: np.array([record[name] for record in records], float).reshape(len(records), -1)
         for name in (records[0] if records else ())
+        if name not in vectors
     }
 
 
