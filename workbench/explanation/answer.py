@@ -34,6 +34,7 @@ from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.noise.heavy_tails import heavy_tails
+from workbench.explanation.noise.hidden_waves import hidden_waves
 from workbench.explanation.noise.noise_terms import noise_terms
 from workbench.explanation.numbered_samples import with_sentences
 from workbench.explanation.planning.experiment import (
@@ -315,7 +316,9 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
         terms = (*terms, heavy)
     if wrong is not None:
         found = wrong
-        terms = (*terms, Term(stated_noise.finding_of(wrong), stated_noise.parameters_of(wrong)))
+        waves = hidden_waves(wrong, terms, compared.degrees, last.bench.chain)
+        finding = stated_noise.finding_of(wrong, waves)
+        terms = (*terms, Term(finding, stated_noise.parameters_of(wrong)))
     if found is not None:
         noise = np.sqrt(len(compared.white)) * stated_sigma(last.bench.recording) * found.factor
         return replace(proved, noise=float(noise), noise_from=f"{found.source}; {why}"), terms

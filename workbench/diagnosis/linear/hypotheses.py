@@ -29,9 +29,10 @@ class Hypothesis:
     """One possibly missing effect, judged conditional on a fitted baseline.
 
     `evidence`: log Bayes factor against nothing; `p`: of its F test by itself; `gain`, `rank` as in `Scores`. `mass`:
-    of this variant's prior, relative to others of its `family`; `log_prior`: of this variant; `weight`: its share of
-    the error level of the whole search. `smooth_covariates`: covariates of a smooth nonparametric alternative, () for
-    a named effect. `source`: a Candidate, or a Scan or Site of which the `value` is an option or names of covariates.
+    of this variant's prior, relative to others of its `family`; `log_prior`: of this variant; `log_bonus`: what other
+    terms add to it; `weight`: its share of the error level of the whole search. `smooth_covariates`: covariates of a
+    smooth nonparametric alternative, () for a named effect. `source`: a Candidate, or a Scan or Site of which the
+    `value` is an option or names of covariates.
     """
 
     effect: str
@@ -51,11 +52,12 @@ class Hypothesis:
     coexists: bool = True
     log_prior: float = 0.0
     weight: float = 1.0
+    log_bonus: float = 0.0
 
     @property
     def log_weight(self) -> float:
         """Log of prior times evidence."""
-        return self.log_prior + self.evidence
+        return self.log_prior + self.log_bonus + self.evidence
 
     @property
     def key(self) -> tuple[str, str]:

@@ -14,6 +14,7 @@ from workbench.diagnosis.levels import (
 )
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.hypotheses import Hypothesis
+from workbench.diagnosis.search.common_orders import waves_of_common_order
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.options import (
@@ -39,11 +40,11 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     """
     tried: list[set] = []
     for _ in range(MAX_ROUNDS):
-        terms, present = _candidate_terms(search, thorough)
+        terms, present, wave_numbers = _candidate_terms(search, thorough)
         remainder = search.problem.conditional_on()
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
-        members = Stepwise(objective).most_probable_set(present)
+        members = Stepwise(objective, wave_numbers).most_probable_set(present)
         if search.bench.bends_with_effects and not present:
             members = dominant_law(objective, members, len(remainder.sample))
         chosen = [terms[i] for i in members]
@@ -140,17 +141,20 @@ def _is_last(
     return 0 <= 2 * gain < LAW_ERROR * objective.degrees
 
 
-def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], tuple[int, ...]]:
+def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], Members, Members]:
     """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition.
 
-    thorough: also the most probable in the place of each.
+    Then the numbers of waves of one order at several joints, which may be significant only as a set. thorough: also the
+    most probable in the place of each.
     """
     if not search.screened:
         first = _most_probable(search.full_table(()), _FIRST, _MAX_SMOOTH)
         search.screened = with_estimated_options(search, first, ())
-    pools = [search.screened]
+    table = search.table(search.accepted_indices)
+    waves = waves_of_common_order(search.problem.conditional_on(), table)
+    pools = [search.screened, waves]
     if search.accepted:
-        additions = _most_probable(search.table(search.accepted_indices), _FIRST // 2, _MAX_SMOOTH)
+        additions = _most_probable(table, _FIRST // 2, _MAX_SMOOTH)
         pools.append(with_estimated_options(search, additions, search.accepted_indices))
     if thorough and len(search.accepted) <= _MAX_SMOOTH:
         for others in map(search.other_indices, search.accepted_indices):
@@ -162,7 +166,9 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         possible = [h for h in pool if name_of(h) not in search.infeasible]
         for h in _at_current_solution(search, possible):
             chosen.setdefault(name_of(h), h)
-    return list(chosen.values()), present
+    names = {name_of(h) for h in waves}
+    wave_numbers = tuple(i for i, name in enumerate(chosen) if name in names)
+    return list(chosen.values()), present, wave_numbers
 
 
 def _at_current_solution(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:

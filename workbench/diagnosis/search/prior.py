@@ -25,6 +25,7 @@ from workbench.diagnosis.linear.candidates import Candidate, Scan
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
+from workbench.diagnosis.search.common_orders import LOG_ODDS_OF_COMMON, order_group
 
 SECOND = float(np.log(0.2))
 """Log prior odds of one more term, in addition to its own prior."""
@@ -52,6 +53,7 @@ class Priors:
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
     `reference`: (effect, where, compliance) of all joints, at their maximum; `joints` (N, J): their contributions to
     the measurements, the baseline projected out; `residual` (N,): residual of the other accepted laws, if known.
+    `order` (K,): as of `order_group`, with the places `where` (K,).
     """
 
     log_prior: np.ndarray
@@ -59,6 +61,8 @@ class Priors:
     elastic: np.ndarray
     scale: np.ndarray
     positive: np.ndarray
+    order: np.ndarray
+    where: np.ndarray
     deflects: float = 0.0
     reference: tuple[tuple[str, str, float], ...] = ()
     joints: np.ndarray | None = None
@@ -76,17 +80,33 @@ class Priors:
             return 0.0
         of_terms = np.where(self.elastic, self.log_odds, self.log_prior)[members]
         first = self.deflects if self.elastic[members].any() else 0.0
-        return float(of_terms.sum()) + first + (len(members) - 1) * SECOND
+        common = sum(self._common_order(members[:k], number) for k, number in enumerate(members))
+        return float(of_terms.sum()) + first + common + (len(members) - 1) * SECOND
+
+    def _common_order(self, members: Sequence[int], number: int) -> float:
+        """What a term gains by having the order of members at other joints, in log prior odds.
+
+        The order itself has the highest prior of these joints once, whichever of them comes first.
+        """
+        if not np.isfinite(self.order[number]):
+            return 0.0
+        same = [i for i in members if self.order[i] == self.order[number]]
+        if not same or any(self.where[i] == self.where[number] for i in same):
+            return 0.0
+        lowest = min(self.log_prior[number], max(self.log_prior[i] for i in same))
+        return max(LOG_ODDS_OF_COMMON - float(lowest), 0.0)
 
     def select_terms(self, rows: np.ndarray) -> "Priors":
         """Of some of the terms, by their numbers (k,)."""
-        names = ("log_prior", "log_odds", "elastic", "scale", "positive")
+        names = ("log_prior", "log_odds", "elastic", "scale", "positive", "order", "where")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def conditional(self, members: Sequence[int]) -> np.ndarray:
         """(K,) log prior odds of each term conditional on a set."""
         first = 0.0 if self.elastic[list(members)].any() else self.deflects
         step = np.where(self.elastic, self.log_odds + first, self.log_prior)
+        for number in np.flatnonzero(np.isfinite(self.order)):
+            step[number] += self._common_order(members, number)
         return step + SECOND if len(members) else step
 
 
@@ -122,7 +142,9 @@ def elastic_prior(
     else:
         deflects = 0.0
     deflects -= problem.moments_cost
-    priors = Priors(log_prior, log_odds, elastic, scale, positive, deflects)
+    order = np.array([order_group(h) for h in terms])
+    where = np.array([h.where for h in terms])
+    priors = Priors(log_prior, log_odds, elastic, scale, positive, order, where, deflects)
     if robot is None:
         return priors
     of_joints = {name: getattr(robot, name) for name in ("reference", "joints", "residual")}

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, UNMODELLED_LEVEL
+from workbench.diagnosis.levels import RANDOM_EFFECT_LEVEL, RARE_PRIOR, UNMODELLED_LEVEL
 from workbench.diagnosis.linear.hypotheses import (
     Hypothesis,
     family_wise,
@@ -31,6 +31,7 @@ from workbench.diagnosis.noise.random_effects import (
     known_rounding,
 )
 from workbench.diagnosis.noise.rounded_readings import rounded_readings
+from workbench.diagnosis.search.common_orders import common_order_p_value
 from workbench.diagnosis.search.compatible import is_neighbour
 from workbench.diagnosis.search.findings import (
     bare_finding,
@@ -210,8 +211,14 @@ def _repeat_search(search: Search) -> float:
 
 
 def _test_and_search(search: Search, thorough: bool = True) -> float:
-    """The p-value of a residual without structure; where it is small, the most probable set of terms is accepted."""
+    """The p-value of a residual without structure; where it is small, the most probable set of terms is accepted.
+
+    Waves of one order at several joints, of which none may be significant by itself, spend a tenth of the level.
+    """
     p_no_structure = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
+    if p_no_structure > search.level:
+        p_of_waves = common_order_p_value(search.problem.conditional_on(()))
+        p_no_structure = min(p_no_structure, p_of_waves / RARE_PRIOR)
     if p_no_structure <= search.level:
         accept_most_probable_set(search, thorough)
     elif search.accepted:

@@ -21,9 +21,13 @@ _LEAST_RISE = 1e-6
 
 @dataclass(frozen=True)
 class Stepwise:
-    """A search over the sets of terms of one objective."""
+    """A search over the sets of terms of one objective.
+
+    `waves`: numbers of waves of one order, which may be significant only as a set.
+    """
 
     objective: LogPosterior
+    waves: Members = ()
 
     def most_probable_set(self, present: Members = ()) -> Members:
         """The set with the highest log posterior that is reached.
@@ -52,6 +56,7 @@ class Stepwise:
         named = tuple(int(i) for i in np.flatnonzero(np.isin(laws, present)))
         starts = [named] if named else []
         starts += [alone._single(alone._allowed(())), alone.with_all_joints(named)]
+        starts += [alone.with_terms(named, np.flatnonzero(np.isin(laws, self.waves)))]
         return tuple(int(laws[i]) for i in alone._best(starts))
 
     def with_all_joints(self, members: Members) -> Members:
@@ -67,6 +72,14 @@ class Stepwise:
             if objective.compatible_pairs[i, exchanged].all():
                 exchanged.append(int(i))
         return tuple(exchanged) if usual.any() else members
+
+    def with_terms(self, members: Members, numbers: np.ndarray) -> Members:
+        """A set with further terms, as far as they are compatible with it."""
+        joined = list(members)
+        for i in numbers:
+            if self.objective.compatible_pairs[i, joined].all():
+                joined.append(int(i))
+        return tuple(joined)
 
     def climb(self, members: Members) -> Members:
         """The local maximum that is reached from a set by the moves that raise the log posterior most."""

@@ -6,14 +6,14 @@ from the samples themselves, so that heavy tails do not count as a wrong stateme
 the sensitivity of the chi-square test to kurtosis).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from workbench.core.distributions import chi2, fisher, student
 from workbench.core.least_squares.linear_algebra import symmetric_eigen
 from workbench.diagnosis.levels import DATA_FAULT_LEVEL, ROUNDING
-from workbench.diagnosis.linear.problem import Finding
+from workbench.diagnosis.linear.problem import Alternative, Finding
 from workbench.explanation.noise.replicates import FROM_REPLICATES, LEAST_REPEATS, replicates
 
 EFFECT = "stated-noise"
@@ -176,10 +176,12 @@ def compare(stated: StatedNoise, structure_left: bool) -> NoiseRatio | None:
     return found if found is not None and found.is_wrong else None
 
 
-def finding_of(found: NoiseRatio) -> Finding:
-    """The finding of a wrong statement."""
+def finding_of(found: NoiseRatio, alternatives: tuple[Alternative, ...] = ()) -> Finding:
+    """The finding of a wrong statement, with laws that the residual may hold instead."""
     label = f"{found.factor:.3g} times the stated sigma, {found.source}"
-    return Finding(EFFECT, WHERE, label, (), found.p_value, 1.0 - found.p_value, 0.0, 0.0)
+    probability = 1.0 - found.p_value - sum(law.probability for law in alternatives)
+    finding = Finding(EFFECT, WHERE, label, (), found.p_value, probability, 0.0, 0.0)
+    return replace(finding, alternatives=alternatives)
 
 
 def parameters_of(found: NoiseRatio) -> tuple[dict, ...]:

@@ -1,0 +1,164 @@
+"""Waves of one order at several joints: most arms have gears of one kind and ratio at several joints.
+
+An order that one joint has is likely at the others, too. The waves of all joints together are then one hypothesis with
+two numbers a joint and a single prior of the order: it shows waves of which none is significant by itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from robot_model.effects.transmission import TransmissionHarmonic
+from workbench.diagnosis.levels import MAJORITY
+from workbench.diagnosis.linear.candidates import Scan
+from workbench.diagnosis.linear.evidence import Projected, Scores, scan_moments
+from workbench.diagnosis.linear.hypotheses import SMOOTH_LEVEL, Hypothesis
+from workbench.diagnosis.linear.problem import Problem
+
+LOG_ODDS_OF_COMMON = 0.0
+"""Log prior odds that a further joint has an order which another joint has: as likely as not."""
+_LOW = 4.0
+"""Orders up to this one are those of eccentric gears and encoders, which any joint may have: none is a gear ratio."""
+_HALVES = 40.0
+"""Order up to which half-integer orders are distinguished."""
+
+
+def order_group(h: Hypothesis) -> float:
+    """The order of a wave beyond those that any joint has, rounded as the searched orders are; nan of other terms."""
+    effect = h.effects[0] if h.effects and not h.smooth_covariates else None
+    if not isinstance(effect, TransmissionHarmonic) or effect.order <= _LOW:
+        return np.nan
+    return rounded_order(effect.order)
+
+
+def rounded_order(order: float) -> float:
+    """An order, rounded to those that are distinguished."""
+    step = 0.5 if order < _HALVES else 1.0
+    return float(np.rint(order / step) * step)
+
+
+def groups_of(terms: Sequence[Hypothesis]) -> dict[float, set[str]]:
+    """Orders beyond those that any joint has among some terms, with the joints that have each."""
+    groups: dict[float, set[str]] = {}
+    for h in terms:
+        group = order_group(h)
+        if np.isfinite(group):
+            groups.setdefault(group, set()).add(h.where)
+    return groups
+
+
+def required_waves(problem: Problem, terms: Sequence[Hypothesis]) -> list[tuple[str, str]]:
+    """(family, label) of the waves at all joints that have the order of one of some terms."""
+    groups = groups_of(terms)
+    required = []
+    for scan in wave_scans(problem) if groups else ():
+        for i, option in enumerate(scan.options):
+            if rounded_order(option) in groups:
+                required.append((scan.family, scan.word.format(scan.options[i])))
+    return required
+
+
+def with_common_orders(
+    table: Sequence[Hypothesis], terms: Sequence[Hypothesis]
+) -> list[Hypothesis]:
+    """A table conditional on some terms, with the prior odds of their orders at other joints; the likeliest first.
+
+    Waves of these orders share half of the error level.
+    """
+    groups = groups_of(terms)
+    if not groups:
+        return list(table)
+    common = [h.where not in groups.get(order_group(h), {h.where}) for h in table]
+    count = len({h.where for h, is_common in zip(table, common) if is_common})
+    if not count:
+        return list(table)
+    rows = []
+    for h, is_common in zip(table, common):
+        if is_common:
+            weight = MAJORITY * (1 - SMOOTH_LEVEL) / count
+            bonus = LOG_ODDS_OF_COMMON - h.log_prior
+            rows.append(replace(h, log_bonus=max(bonus, 0.0), weight=weight))
+        else:
+            rows.append(replace(h, weight=(1 - MAJORITY) * h.weight))
+    return sorted(rows, key=lambda h: -h.log_weight)
+
+
+def wave_scans(problem: Problem) -> list[Scan]:
+    """The scans of a problem over the orders of waves, one a joint."""
+    name = TransmissionHarmonic.effect
+    return [s for s in problem.scans if s.effect == name and not s.is_exact]
+
+
+def waves_of_common_order(problem: Problem, table: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The waves of the order that is most probable at several joints together; none where no order is.
+
+    problem: conditional on what is accepted; table: of the same. Each joint has the order or does not, either as likely
+    as the other, so that its Bayes factor B counts as (1 + B) / 2.
+    """
+    known = {h.family: h for h in table if np.isfinite(order_group(h))}
+    scans = [scan for scan in wave_scans(problem) if scan.family in known]
+    if len(scans) < 2:
+        return []
+    projected = Projected(problem)
+    scores = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    order, log_odds = _most_probable_order(scans, scores)
+    rows = [_row(scan, s, known[scan.family], order) for scan, s in zip(scans, scores)]
+    waves = [h for h in rows if h is not None and h.evidence > 0]
+    if len(waves) < 2 or log_odds + max(h.log_prior for h in waves) < 0:
+        return []
+    return waves
+
+
+def common_order_p_value(problem: Problem) -> float:
+    """p-value that several joints have waves of one order, of all orders that are searched; F test of their columns."""
+    scans = wave_scans(problem)
+    if len(scans) < 2:
+        return 1.0
+    projected = Projected(problem)
+    scores = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    order = _most_probable_order(scans, scores)[0]
+    columns = [s.columns_at(problem, order) for s in scans if order in s.options]
+    joined = np.concatenate(columns, 1)
+    p = float(projected.score_hypotheses(projected.column_moments(joined[None])).p[0])
+    orders = {float(option) for scan in scans for option in scan.options}
+    return min(1.0, p * len(orders))
+
+
+def _most_probable_order(scans: Sequence[Scan], scores: Sequence[Scores]) -> tuple[float, float]:
+    """The order with the highest posterior odds at all joints together, and the log of these without its prior."""
+    total: dict[float, float] = {}
+    for scan, of_joint in zip(scans, scores):
+        log_odds = np.logaddexp(0.0, of_joint.evidence) - np.log(2)
+        for option, value in zip(scan.options, log_odds):
+            total[float(option)] = total.get(float(option), 0.0) + float(value)
+    order = max(total, key=total.get)
+    return order, total[order]
+
+
+def _row(scan: Scan, scores: Scores, known: Hypothesis, order: float) -> Hypothesis | None:
+    """The wave of one order of a scan as a table has it; None where the scan has no such order.
+
+    known: a row of the same family.
+    """
+    places = np.flatnonzero(scan.options == order)
+    if not len(places):
+        return None
+    i = int(places[0])
+    weight = float(scan.prior_weight[i])
+    log_prior = known.log_prior + float(np.log(weight / known.prior_weight))
+    evidence, p, gain, rank = scores.row(i)
+    return replace(
+        known,
+        label=scan.word.format(order),
+        effects=scan.make(order),
+        source=scan,
+        value=order,
+        prior_weight=weight,
+        evidence=evidence,
+        p=p,
+        gain=gain,
+        rank=rank,
+        log_prior=log_prior,
+        log_bonus=0.0,
+    )
