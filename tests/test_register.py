@@ -1,6 +1,7 @@
 """Registration against a tracker: the published figures of Gubankov & Yukhimets, ICP, and wrong calls as sentences."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from datasets import papers
 from workbench.core.errors import InputError
+from workbench.files.points import read_points
 from workbench.jobs.robot.register import register, suspicions
 
 CLOUDS = ("identified", "controller", "nominal")
@@ -134,3 +136,32 @@ def test_lists_without_headers_take_their_unit_from_the_command(workbench, tmp_p
     assert result["points"] == 9 and result["rms_mm"] < 0.01
     done = workbench("register", "robot.txt", "tracker.txt", "--unit", "yd")
     assert done.returncode == 2 and "found yd" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("columns", "place"),
+    [("xyz", 0), ("xyzq", 0), ("qxyz", 4), ("nxyz", 1), ("nxyzabc", 1), ("nxyzq", 1)],
+)
+def test_the_position_of_a_list_without_headers_is_not_its_quaternion_or_row_number(
+    columns, place, tmp_path
+):
+    """Positions in a grid may count like the numbers of rows: a quaternion and the width decide."""
+    rng = np.random.default_rng(4)
+    parts = {
+        "n": np.arange(1.0, 9.0)[:, None],
+        "xyz": np.column_stack([np.arange(8.0), rng.normal(0, 300, (8, 2))]),
+        "q": Rotation.random(8, random_state=rng).as_quat(),
+        "abc": rng.uniform(-3, 3, (8, 3)),
+    }
+    cells = np.hstack([parts[name] for name in re.findall("n|xyz|q|abc", columns)])
+    np.savetxt(tmp_path / "list.txt", cells, "%.4f")
+    names, points = read_points(tmp_path / "list.txt", "mm")
+    assert names is None and np.allclose(points, cells[:, place : place + 3], atol=1e-4)
+
+
+def test_columns_without_headers_of_which_nothing_says_the_position_are_refused(tmp_path):
+    cells = np.random.default_rng(4).normal(0, 300, (8, 7))
+    cells[:, 0] = np.arange(8)
+    np.savetxt(tmp_path / "list.txt", np.delete(cells, 6, axis=1), "%.4f")
+    with pytest.raises(InputError, match="expected x_mm"):
+        read_points(tmp_path / "list.txt", "mm")

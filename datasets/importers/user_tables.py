@@ -47,7 +47,8 @@ _REPEATED = re.compile(r"(.+) \(\d+\)")
 _HEAD_CHARACTERS = 100_000
 _MOSTLY = 0.5
 _WITHOUT_HEADER = re.compile(r"column \d+")
-_POINT_WIDTHS = (3, 6, 7)  # of a point, and of a pose with three angles or a quaternion
+_POINT_WIDTHS = (3, 6)  # of a point, and of a pose with three angles
+_QUATERNION_WIDTH, _QUATERNION_ROUNDING = 7, 0.02  # of a pose with a quaternion; two digits of it
 _TOOL_WORDS = frozenset("tcp tool ee eef effector gripper werkzeug".split())
 
 
@@ -151,14 +152,29 @@ def read_named_points(path: Path, labels: Sequence[str], unit: str | None = None
 
 
 def _point_without_header(raw: RawTable) -> Group | None:
-    """The position in a table without headers: its three columns of numbers, or the first three of a pose."""
+    """The position in a table without headers: its three columns of numbers, or those of a pose."""
     names = [name for name, cells in raw.columns.items() if cells.dtype.kind == "f"]
     if not names or not all(_WITHOUT_HEADER.fullmatch(name) for name in raw.columns):
         return None
     first = raw.columns[names[0]]
-    if (first == np.round(first)).all() and (np.diff(first) == 1).all():  # numbers of the rows
-        names = names[1:]
-    return Group(tuple(names[:3])) if len(names) in _POINT_WIDTHS else None
+    if len(names) == 3 or not ((first == np.round(first)).all() and (np.diff(first) == 1).all()):
+        return _position_of(raw, names)
+    of_quaternion = _position_of(raw, names) if len(names) == _QUATERNION_WIDTH else None
+    return of_quaternion or _position_of(raw, names[1:])  # after the numbers of the rows
+
+
+def _position_of(raw: RawTable, names: Sequence[str]) -> Group | None:
+    """The position of columns of a point, or of a pose: before its angles, before or after its quaternion."""
+    if len(names) in _POINT_WIDTHS:
+        return Group(tuple(names[:3]))
+    if len(names) != _QUATERNION_WIDTH:
+        return None
+    numbers = np.stack([raw.columns[name] for name in names])
+    for position, quaternion in ((slice(0, 3), slice(3, 7)), (slice(4, 7), slice(0, 4))):
+        lengths = np.linalg.norm(numbers[quaternion], axis=0)
+        if np.allclose(lengths, 1.0, atol=_QUATERNION_ROUNDING):
+            return Group(tuple(names[position]))
+    return None
 
 
 def _is_native(path: Path, others: Sequence[str]) -> bool:
