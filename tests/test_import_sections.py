@@ -1,6 +1,7 @@
 """Two lists of different width in one text file: poses of a robot, and below them points of an instrument."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from datasets.importers.sources import read_sources
@@ -48,6 +49,26 @@ def test_the_list_below_is_a_table_of_its_own(tmp_path):
     assert any("the lines after row 32" in text for text in found.warnings)
     tables = read_sources([path], tmp_path).tables
     assert [table.lines[0] for table in tables] == [6, 21]
+
+
+@pytest.mark.parametrize("gap", [[], [""]])
+def test_the_list_above_a_wider_one_is_a_table_of_its_own(gap, tmp_path):
+    poses, points = lists()
+    path = written(tmp_path, ["Points:", *points], gap, ["Robot input:", *poses])
+    first, second = read_sources([path], tmp_path).tables
+    assert (first.file, second.file) == ("Data (1).txt", "Data (2).txt")
+    assert (first.lines[0], second.lines[0]) == (2, ROWS + 3 + len(gap))
+    found = find_mapping([path], ImportOptions(), tmp_path)
+    assert found.table.n == ROWS and found.mapping.flange_rotation is not None
+    seen = found.table.columns[found.mapping.point.columns[0]]
+    assert np.allclose(seen, [float(line.split("[")[1].split(",")[0]) for line in points])
+
+
+def test_lines_of_settings_above_a_table_are_no_table(tmp_path):
+    poses, _ = lists()
+    path = written(tmp_path, [f"# setting {k}: {k}.5" for k in range(ROWS)], [""], poses)
+    (table,) = read_sources([path], tmp_path).tables
+    assert table.n == ROWS and table.lines[0] == ROWS + 2
 
 
 def test_a_summary_or_fewer_rows_are_no_second_table(tmp_path):

@@ -53,9 +53,8 @@ def read_line_blocks(path: Path) -> RawTable | None:
         units |= dict.fromkeys(names, unit) if is_unit(unit) else {}
     starts = np.array([block[0][0] for block in blocks])
     remainder = len(lines) % period
-    sentences = (
-        f"{path.name}: the last {remainder} lines are no complete block and are not read.",
-    )
+    incomplete = "last line is" if remainder == 1 else f"last {remainder} lines are"
+    sentences = (f"{path.name}: the {incomplete} no complete block and not read.",)
     return RawTable(
         path.name, columns, starts, units=units, warnings=sentences if remainder else ()
     )

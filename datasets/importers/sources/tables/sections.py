@@ -7,8 +7,9 @@
     P1=[327.50,1696.31,1629.44]
     ...
 
-The reader of text takes the lines of one width. What stands below them is a second section where it is a table with
-the same number of rows; other lines, such as a summary, stay unread, and the warning says so.
+The reader of text takes the lines of one width. What stands below them, or above them and their header, is a second
+section where it is a table with the same number of rows; other lines, such as a summary, stay unread, and the warning
+says so.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,11 +27,18 @@ _UNREAD = "after the table are not read"
 
 
 def with_second_section(path: Path, table: RawTable) -> tuple[RawTable, ...]:
-    """The table alone, or with that of the section below it, each with its number in the name of its file."""
-    is_cut = any(_UNREAD in sentence for sentence in table.warnings)
-    if not is_cut or table.n < _FEWEST:
+    """The table alone, or with that of the section above or below it, each with its number in the name of its file."""
+    if table.n < _FEWEST:
         return (table,)
-    second = _table_below(path, int(table.lines[-1]), table.n)
+    first, last = int(table.lines[0]), int(table.lines[-1])
+    upper = _table_in(path, slice(0, first - 1), table.n) if first > table.n else None
+    if upper is not None:
+        alone = _table_in(path, slice(int(upper.lines[-1]), None), table.n)
+        if alone is not None and (alone.lines == table.lines).all():
+            table = replace(alone, warnings=table.warnings)  # its names are no rows of the other
+        return _numbered(path, (replace(upper, warnings=()), table))
+    is_cut = any(_UNREAD in sentence for sentence in table.warnings)
+    second = _table_in(path, slice(last, None), table.n) if is_cut else None
     if second is None or list(second.columns) == list(table.columns):
         return (table,)
     sentences = [text for text in table.warnings if _UNREAD not in text]
@@ -39,8 +47,12 @@ def with_second_section(path: Path, table: RawTable) -> tuple[RawTable, ...]:
         sentences.append(
             f"{path.name}: the lines after row {end}, below both tables, are not read."
         )
-    names = [f"{path.stem} ({place}){path.suffix}" for place in (1, 2)]
     tables = (replace(table, warnings=tuple(sentences)), replace(second, warnings=()))
+    return _numbered(path, tables)
+
+
+def _numbered(path: Path, tables: Sequence[RawTable]) -> tuple[RawTable, ...]:
+    names = [f"{path.stem} ({place}){path.suffix}" for place in (1, 2)]
     return tuple(replace(part, file=name) for part, name in zip(tables, names))
 
 
@@ -48,9 +60,9 @@ def _lines_of(path: Path) -> list[str]:
     return path.read_text(encoding=encoding_of(path), errors="replace").splitlines()
 
 
-def _table_below(path: Path, last: int, count: int) -> RawTable | None:
-    """The first table with `count` rows in the lines of a file after the line `last`; None without one."""
-    lines = _lines_of(path)[last:]
+def _table_in(path: Path, part: slice, count: int) -> RawTable | None:
+    """The first table with `count` rows in a part of the lines of a file; None without one."""
+    lines = _lines_of(path)[part]
     with TemporaryDirectory() as folder:
         for first, end in _blocks(lines, count):
             block = Path(folder) / path.name
@@ -60,7 +72,7 @@ def _table_below(path: Path, last: int, count: int) -> RawTable | None:
             except InputError:
                 continue
             if found.n == count:
-                return replace(found, lines=found.lines + last + first)
+                return replace(found, lines=found.lines + part.start + first)
     return None
 
 
