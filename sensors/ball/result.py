@@ -1,6 +1,6 @@
 """Result of the fit of a ball, and the reasons for which points were rejected."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,8 @@ class BallFit:
     `cut`: points used lie at the field's limit. `step` that a further iteration would make, in sigmas;
     `form` (mm, RMS) of orders two and three that the distances show beyond their noise, nan where the points are too
     few, and `form_probability` that noise alone shows as much; `free`, where the radius was known, the same ball with a
-    radius of its own; `warnings` sentences on what the covariance does not hold, in `outcome` too.
+    radius of its own; `warnings` sentences on what the covariance does not hold, in `outcome` too; `radius_note` that
+    one of them which says what other radii a single stripe admits, "" for more stripes.
     """
 
     centre: np.ndarray
@@ -51,9 +52,18 @@ class BallFit:
     form_probability: float = 1.0
     warnings: tuple[str, ...] = ()
     free: "BallFit | None" = None
+    radius_note: str = ""
 
     def __bool__(self) -> bool:
         return self.ok
+
+    def with_radius_note(self, note: str) -> "BallFit":
+        """The same with a `radius_note` among its warnings."""
+        if not note:
+            return self
+        warnings = (*self.warnings, note)
+        outcome = f"{self.outcome}; {note}"
+        return replace(self, warnings=warnings, outcome=outcome, radius_note=note)
 
     @property
     def inliers(self) -> np.ndarray:

@@ -9,6 +9,7 @@ from sensors.ball.fit import fit_ball
 from sensors.ball.result import NOT_ON_BALL, BallFit
 from sensors.ball.single_stripe import (
     LEAST_ARC,
+    RadiusTest,
     Widths,
     most_probable_ball,
     undetermined,
@@ -16,7 +17,7 @@ from sensors.ball.single_stripe import (
     unlike_spheres,
 )
 from sensors.ball.votes import LEAST_POINTS, MOST_POINTS, ThinnedCloud
-from sensors.stripe.surface_bias.surface_line import UNKNOWN_SCATTER
+from sensors.stripe.surface_bias.surface_line import SMOOTH, UNKNOWN_SCATTER
 from workbench.core.errors import InputError
 from workbench.core.least_squares.linear_algebra import symmetric_eigenvalues
 
@@ -303,18 +304,26 @@ class _Search:
             self.widths(place, np.array([[*fit.centre, fit.radius] for fit in balls]))
         )
         fit = balls[choice.number]
-        why = choice.why or undetermined(fit, with_form=False) or self._filled(fit)
-        if why := why or self._unlike_spheres(fit, place):
+        if why := choice.why or undetermined(fit, with_form=False) or self._filled(fit):
             return self._refuse(fit.centre, fit.radius, len(place), why)
-        return fit
+        test = self._unlike_spheres(fit, place)
+        if test.why:
+            return self._refuse(fit.centre, fit.radius, len(place), test.why)
+        return fit.with_radius_note(test.warning)
 
-    def _unlike_spheres(self, fit, place) -> str:
-        """Why the widths at points `place` (k,) of one stripe do not confirm the known radius of a fit."""
+    def _unlike_spheres(self, fit, place) -> RadiusTest:
+        """Whether the widths at points `place` (k,) of one stripe confirm the known radius of a fit."""
+        smooth = place[self._facing(fit, place) > SMOOTH]
 
         def ratios(spheres):
-            return self.widths(place, spheres)
+            return self.widths(smooth, spheres)
 
-        return unlike_spheres(fit, self.points[:, place], ratios, self.width_scatter)
+        return unlike_spheres(fit, self.points[:, smooth], ratios, self.width_scatter)
+
+    def _facing(self, fit, place) -> np.ndarray:
+        """(k,) cosine of the incidence of sight at points `place` (k,) of a ball."""
+        outward = self.points[:, place] - fit.centre[:, None]
+        return -(outward * self.rays[:, place]).sum(0) / fit.radius
 
     def _filled(self, fit) -> str:
         """Why a fit is no ball where points of the scan lie inside it, "" where they do not."""

@@ -12,6 +12,7 @@ all of them (`unlike_spheres`), with the offset's sigma that the boards of the s
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -49,6 +50,7 @@ _DETECTED = 14.9  # noncentrality that exceeds it with a probability of 90 %: (2
 _DETECTED_SHARE = 0.2  # of a radius: spheres that differ by more have to be distinguished
 # of spheres' centres from the light plane, over the radius
 _DISTANCES = np.linspace(-1.2, 1.2, 49)
+_DENSER = 25  # distances about the best of them
 
 
 @dataclass(frozen=True)
@@ -86,51 +88,98 @@ def most_probable_ball(ratios: np.ndarray) -> Choice:
     return Choice(best, "")
 
 
+@dataclass(frozen=True)
+class RadiusTest:
+    """Test of a stated radius by the widths of one stripe: `why` they do not confirm it, "" where they do.
+
+    `radii` (smallest, largest) mm of the spheres on the same circle that the widths admit at 99 %; `moves` mm, the
+    farthest of their centres from that of the ball of the stated radius.
+    """
+
+    why: str
+    radii: tuple[float, float] = (np.nan, np.nan)
+    moves: float = np.nan
+
+    @property
+    def warning(self) -> str:
+        """What the covariance of an accepted ball does not hold."""
+        low, high = self.radii
+        return (
+            f"on a single stripe, the width of its line admits spheres of radius {low:.3g} to {high:.3g} mm, whose "
+            f"centres are up to {self.moves:.2g} mm away: the sigmas hold for the stated radius only"
+        )
+
+
 def unlike_spheres(
     fit: BallFit, points: np.ndarray, widths: Callable[[np.ndarray], np.ndarray], scatter: float
-) -> str:
-    """Why the widths do not distinguish a ball of known radius from spheres of others on its circle, "" where they do.
+) -> RadiusTest:
+    """Whether the widths distinguish a ball of known radius from spheres of others on its circle.
 
     points (3, n) mm of the arc; widths: as `Widths`, of these points; scatter: 1 sigma of the offset. The stated radius
     is refused where another one explains the widths better by a chi-square that 1 % of right balls exceed (likelihood
     ratio, 1 degree of freedom). It has to be a test: a sphere whose radius is 20 % smaller or larger would be refused
     with a probability of 90 %, by the noncentrality that the expected widths of both give.
     """
-    spheres = _spheres_on(fit, points)
+    circle = _Circle.of(fit, points)
+    spheres = circle.spheres(fit.radius * _DISTANCES)
     ratios = widths(spheres)
     is_seen = np.isfinite(ratios[0])
     if is_seen.sum() < LEAST_ARC:
-        return f"{_SHARED}; {_NO_WIDTH}"
-    ratios = ratios[:, is_seen]
-    stated = ratios[0]
+        return RadiusTest(f"{_SHARED}; {_NO_WIDTH}")
+    stated = ratios[0, is_seen]
     row_sigma = max(_scatter(stated, np.median(stated)), _LEAST_SCATTER)
     variance = min(_memory(stated), _GRAIN) * row_sigma**2
-    square = _square(ratios, row_sigma, variance, scatter)
-    if square[0] - square.min() > _REFUSED_BY_CHANCE:
-        radii = spheres[square - square.min() <= _REFUSED_BY_CHANCE, 3]
-        return f"the line on it is as wide as on a sphere of radius {_range_text(radii)} mm"
-    noncentrality = _square(ratios - stated, row_sigma, variance, scatter)
-    radii = spheres[noncentrality < _DETECTED, 3]
-    if np.abs(radii / fit.radius - 1).max() <= _DETECTED_SHARE:
-        return ""
-    return (
-        f"one stripe does not distinguish the ball from a sphere of radius {_range_text(radii)} mm: "
-        "scan more steps"
-    )
+    square = partial(_square, row_sigma=row_sigma, variance=variance, scatter=scatter)
+    noncentrality = square(ratios[:, is_seen] - stated)
+    near = circle.spheres(_near(square(ratios[:, is_seen])[1:], fit.radius * _DISTANCES))
+    near_square = square(widths(near)[:, is_seen])
+    excess = near_square[0] - near_square.min()
+    admitted = near[near_square - near_square.min() <= _REFUSED_BY_CHANCE]
+    radii = (admitted[:, 3].min(), admitted[:, 3].max())
+    moves = float(np.linalg.norm(admitted[:, :3] - fit.centre, axis=1).max())
+    if excess > _REFUSED_BY_CHANCE:
+        why = f"the line on it is as wide as on a sphere of radius {_range_text(radii)} mm"
+        return RadiusTest(why, radii, moves)
+    alike = spheres[noncentrality < _DETECTED, 3]
+    if np.abs(alike / fit.radius - 1).max() <= _DETECTED_SHARE:
+        return RadiusTest("", radii, moves)
+    why = f"{NOT_DISTINGUISHED} of radius {_range_text(alike)} mm: scan more steps"
+    return RadiusTest(why, radii, moves)
 
 
-def _spheres_on(fit: BallFit, points: np.ndarray) -> np.ndarray:
-    """(m, 4) centres and radii, mm, of spheres on the circle in which the plane of points (3, n) cuts a ball.
+def _near(square: np.ndarray, distances: np.ndarray) -> np.ndarray:
+    """Denser distances (k,) mm where the chi-square (m,) at distances (m,) mm, ascending, has its minimum."""
+    is_near = np.flatnonzero(square - square.min() <= _REFUSED_BY_CHANCE)
+    low, high = max(is_near[0] - 1, 0), min(is_near[-1] + 1, len(distances) - 1)
+    return np.linspace(distances[low], distances[high], _DENSER)
 
-    The ball itself comes first.
-    """
-    middle = points.mean(1)
-    normal = np.linalg.svd(points - middle[:, None], full_matrices=False)[0][:, 2]
-    distance = normal @ (fit.centre - middle)
-    circle_square = max(fit.radius**2 - distance**2, 0.0)
-    distances = np.r_[distance, fit.radius * _DISTANCES]
-    centres = fit.centre + np.outer(distances - distance, normal)
-    return np.column_stack([centres, np.sqrt(circle_square + distances**2)])
+
+@dataclass(frozen=True)
+class _Circle:
+    """Circle in which a light plane cuts a ball: the ball's `centre` (3,), the plane's unit `normal` (3,), their
+    `distance` mm, and the circle's `radius_square` mm^2."""
+
+    centre: np.ndarray
+    normal: np.ndarray
+    distance: float
+    radius_square: float
+
+    @classmethod
+    def of(cls, fit: BallFit, points: np.ndarray) -> "_Circle":
+        """That of points (3, n) on one stripe of a ball."""
+        middle = points.mean(1)
+        normal = np.linalg.svd(points - middle[:, None], full_matrices=False)[0][:, 2]
+        distance = float(normal @ (fit.centre - middle))
+        return cls(fit.centre, normal, distance, max(fit.radius**2 - distance**2, 0.0))
+
+    def spheres(self, distances: np.ndarray) -> np.ndarray:
+        """(1 + m, 4) centres and radii, mm, of spheres on the circle at distances (m,) mm from its plane.
+
+        The ball itself comes first.
+        """
+        distances = np.r_[self.distance, distances]
+        centres = self.centre + np.outer(distances - self.distance, self.normal)
+        return np.column_stack([centres, np.sqrt(self.radius_square + distances**2)])
 
 
 def _square(ratios: np.ndarray, row_sigma: float, variance: float, scatter: float) -> np.ndarray:
@@ -144,10 +193,11 @@ def _square(ratios: np.ndarray, row_sigma: float, variance: float, scatter: floa
     return common + (deviation**2).sum(1) / variance
 
 
-def _range_text(radii: np.ndarray) -> str:
-    return f"{radii.min():.3g} to {radii.max():.3g}"
+def _range_text(radii) -> str:
+    return f"{min(radii):.3g} to {max(radii):.3g}"
 
 
+NOT_DISTINGUISHED = "one stripe does not distinguish the ball from a sphere"
 _NO_WIDTH = (
     "the line is overexposed, so that its width is not known, or no ball would show these points"
 )

@@ -149,7 +149,7 @@ class Cloud:
         """
         ratios = np.full((len(balls), self.points.shape[1]), np.nan)
         for row, ball in zip(ratios, balls):
-            bend = self._bend(ball, None)
+            bend = self._bend(ball, None).on_light_plane
             with np.errstate(divide="ignore", invalid="ignore"):
                 ratio = np.log(width**2 / bend.width_square(self.scanner.line))
             row[:] = np.where(bend.facing > _GRAZING, ratio, np.nan)

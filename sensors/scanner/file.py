@@ -208,7 +208,8 @@ def _light_keys(scanner):
         keys["volume_mm"] = _list(scanner.volume)
     if scanner.line is not None:
         keys["line_mm_px"] = [scanner.line.plane_width_mm, scanner.line.blur_px]
-        keys["line_scatter"] = float(scanner.line.scatter)
+        if scanner.line.is_scatter_known:
+            keys["line_scatter"] = float(scanner.line.scatter)
     if scanner.covariance is not None:
         std = np.sqrt(np.maximum(np.diag(scanner.covariance), 0)).reshape(-1, 3)
         keys |= {"sigma_tilt_rad": _list(std[:, :2]), "sigma_offset_mm": _list(std[:, 2])}

@@ -24,7 +24,7 @@ m = 3 b^2 (c' (a^2)' + c'^2 c'' b^2). Of a Gram-Charlier series with that moment
 On a ball of radius R this moves points by some b^2 / 2R across the surface, always outwards.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,17 @@ class SurfaceLine:
     def width_square(self, line: "LineShape") -> np.ndarray:
         """(n,) px^2 of the lines' widths: (plane width / slope)^2 + blur^2 (1 + tilt^2)."""
         return np.array([line.plane_width_mm, line.blur_px]) ** 2 @ self._by_shape
+
+    @property
+    def on_light_plane(self) -> "SurfaceLine":
+        """The same, with `slope` where the light plane's middle meets the surface; nan where it does not.
+
+        With f = offset + f1 v + f2 v^2 the slope at f = 0 is sqrt(f1^2 - 4 f2 offset). The centre of a line is off by
+        noise. Near the edge of a ball its slope changes so fast that the noise would be one of the expected width.
+        """
+        square = self.slope**2 - 4 * self.bend * self.offset
+        with np.errstate(invalid="ignore"):
+            return replace(self, slope=np.copysign(np.sqrt(square), self.slope), offset=0 * square)
 
     @property
     def _by_shape(self) -> np.ndarray:
@@ -141,6 +152,11 @@ class LineShape:
     plane_width_mm: float
     blur_px: float
     scatter: float = UNKNOWN_SCATTER
+
+    @property
+    def is_scatter_known(self) -> bool:
+        """Whether boards show the scatter."""
+        return self.scatter != UNKNOWN_SCATTER
 
     @property
     def squares(self) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from datasets.recording import Recording
 from sensors.ball.search import Refusal
+from sensors.ball.single_stripe import NOT_DISTINGUISHED
 from sensors.scanner.model import Scanner
 from workbench.files.images.ball_names import by_sample
 
@@ -47,8 +48,14 @@ def perhaps_cut(at_limit) -> str:
     )
 
 
-def line_width_missing(scanner: Scanner) -> str:
+def line_width_missing(scanner: Scanner, refused: Sequence[Refusal]) -> str:
     """That a scanner of an earlier version does not find balls on single stripes, and what to do; "" for others."""
+    is_indistinct = any(NOT_DISTINGUISHED in refusal.why for refusal in refused)
+    if scanner.line is not None and is_indistinct and not scanner.line.is_scatter_known:
+        return (
+            "this scanner file lacks line_scatter, so that most balls on a single stripe are refused: calibrate the "
+            "scanner again with `workbench scanner`"
+        )
     if scanner.line is not None:
         return ""
     return (

@@ -213,11 +213,10 @@ class _Work:
         write_cloud(self.folder / file, points)
         balls, outcome, refused = self.balls(known, cloud, sigma[seen], shape[:, seen])
         unseen_count = len(rows) - len(known)
-        lost = (
+        unseen = (
             f"{unseen_count} of {len(rows)} images are at steps that the scanner has no plane for"
-            if unseen_count
-            else ""
         )
+        lost = unseen if unseen_count else ""
         count = points.shape[1]
         drawn = np.linspace(0, max(count - 1, 0), min(count, _DRAWN)).astype(int)
         uncalibrated_count = sum(ball.is_beyond_volume for ball in balls)
@@ -346,7 +345,7 @@ class _Work:
         else:
             outcomes = (missing_balls(self.recording, rows[0], len(fitted_balls), refused),)
         if radii and len(fitted_balls) < self._expected(rows[0]) and cloud.motion is None:
-            outcomes += (line_width_missing(self.scanner),)
+            outcomes += (line_width_missing(self.scanner, refused),)
         return tuple(fitted_balls), "; ".join(filter(None, (outcome, *outcomes))), tuple(refused)
 
     def _noise(self, cloud: Cloud, sigma: np.ndarray) -> np.ndarray:
@@ -371,6 +370,7 @@ class _Work:
         fit = _fitted(straight, cloud.view, is_lit, radius, start, columns_of_ball)
         if fit and len(fit.reason) == len(is_lit):
             fit = with_radius_variance(fit, cloud.common_radius_variance(fit))
+            fit = fit.with_radius_note(free.radius_note)
         is_beyond = self._is_beyond_volume(cloud.local[2])
         other = (fit if radius is None else fit.free) or free
         misfit = self._misfit(fit or free, straight, cloud)
