@@ -131,23 +131,25 @@ def unlike_spheres(
     variance = min(_memory(stated), _GRAIN) * row_sigma**2
     square = partial(_square, row_sigma=row_sigma, variance=variance, scatter=scatter)
     noncentrality = square(ratios[:, is_seen] - stated)
-    near = circle.spheres(_near(square(ratios[:, is_seen])[1:], fit.radius * _DISTANCES))
-    near_square = square(widths(near)[:, is_seen])
-    excess = near_square[0] - near_square.min()
-    admitted = near[near_square - near_square.min() <= _REFUSED_BY_CHANCE]
+    fine_spheres = circle.spheres(
+        _denser_distances(square(ratios[:, is_seen])[1:], fit.radius * _DISTANCES)
+    )
+    fine_square = square(widths(fine_spheres)[:, is_seen])
+    excess = fine_square[0] - fine_square.min()
+    admitted = fine_spheres[fine_square - fine_square.min() <= _REFUSED_BY_CHANCE]
     radii = (admitted[:, 3].min(), admitted[:, 3].max())
     moves = float(np.linalg.norm(admitted[:, :3] - fit.centre, axis=1).max())
     if excess > _REFUSED_BY_CHANCE:
         why = f"the line on it is as wide as on a sphere of radius {_range_text(radii)} mm"
         return RadiusTest(why, radii, moves)
-    alike = spheres[noncentrality < _DETECTED, 3]
-    if np.abs(alike / fit.radius - 1).max() <= _DETECTED_SHARE:
+    confusable_radii = spheres[noncentrality < _DETECTED, 3]
+    if np.abs(confusable_radii / fit.radius - 1).max() <= _DETECTED_SHARE:
         return RadiusTest("", radii, moves)
-    why = f"{NOT_DISTINGUISHED} of radius {_range_text(alike)} mm: scan more steps"
+    why = f"{NOT_DISTINGUISHED} of radius {_range_text(confusable_radii)} mm: scan more steps"
     return RadiusTest(why, radii, moves)
 
 
-def _near(square: np.ndarray, distances: np.ndarray) -> np.ndarray:
+def _denser_distances(square: np.ndarray, distances: np.ndarray) -> np.ndarray:
     """Denser distances (k,) mm where the chi-square (m,) at distances (m,) mm, ascending, has its minimum."""
     is_near = np.flatnonzero(square - square.min() <= _REFUSED_BY_CHANCE)
     low, high = max(is_near[0] - 1, 0), min(is_near[-1] + 1, len(distances) - 1)
