@@ -234,3 +234,17 @@ def test_exact_poses_are_no_question_of_inverted_ones(tmp_path):
     made = _made([path], tmp_path)
     assert made.mapping.board == {"fixed_to": "base"}
     assert any("poses of the camera in the target" in warning for warning in made.warnings)
+
+
+def test_two_tables_of_one_name_in_different_folders(tmp_path):
+    flange, seen, sensor = target_scene(16)
+    header = "x,y,z,qx,qy,qz,qw"
+    paths = []
+    for name, poses in (("marker", seen), ("robot", flange)):
+        (tmp_path / name).mkdir()
+        cells = np.c_[poses[:, :3, 3] / 1000, quaternions(poses)]
+        paths.append(_write(tmp_path / name / "poses.csv", cells, header))
+    _check(paths, sensor, tmp_path)
+    mapping = import_recording(paths, tmp_path / "again", ImportOptions()).mapping
+    assert mapping.flange_point.columns == ("robot/poses: x", "robot/poses: y", "robot/poses: z")
+    assert mapping.point.columns == ("marker/poses: x", "marker/poses: y", "marker/poses: z")

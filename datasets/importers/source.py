@@ -40,8 +40,13 @@ class RawTable:
 
     @property
     def stem(self) -> str:
-        """Name of the file without folder and extension; prefix of columns whose names clash."""
-        return Path(self.file).stem
+        """Name of the file without extension; prefix of columns whose names clash.
+
+        Without folder, unless `file` begins with it because another table has the same name.
+        """
+        stem = Path(self.file).stem
+        is_in_name = self.folder is not None and self.file.startswith(f"{self.folder.name}/")
+        return f"{self.folder.name}/{stem}" if is_in_name else stem
 
     def numbers(self, name: str) -> np.ndarray:
         """(n,) float64 cells of a column.
