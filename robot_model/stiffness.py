@@ -11,6 +11,7 @@ from workbench.core.model import Model
 
 LOADS = "recorded loads"
 MASSES = "stated masses"
+LOADS_AND_MASSES = "recorded loads and stated masses"
 PRODUCT = "product only"
 _SIGNIFICANT = 2.0  # sigmas that a compliance must be above zero for a stiffness to be stated
 _VARIES_KG = 1e-6
@@ -21,11 +22,13 @@ _MOST_SAMPLES = 5000  # of these the sensitivity to the centre of the load is co
 class StiffnessRow:
     """Estimated compliance of one joint.
 
-    `known_from`: "recorded loads" or "stated masses", as uncertain as these; or "product only": compliance times first
-    moment, an angle. `value`, `std` in `unit` (rad/(N m) or rad); `clear`: significantly above zero. `stiffness` and
-    `stiffness_std` in N m/rad, None where the compliance is not known by itself or not clear. `centre_per_mm`: relative
-    change of the stiffness per mm by which the centre of the recorded load is off, in the worst direction; it is not
-    part of `stiffness_std`. None where no load is recorded or no stiffness stated.
+    `known_from`: "recorded loads", "stated masses" or both, as uncertain as these; or "product only": compliance times
+    first moment, an angle. `value`, `std` in `unit` (rad/(N m) or rad); `clear`: significantly above zero.
+
+    `stiffness` and `stiffness_std` in N m/rad, None where the compliance is not known by itself or not clear.
+    `centre_per_mm`: relative change of the stiffness per mm by which the centre of the recorded load is off, in the
+    worst direction; it is not part of `stiffness_std`. `load_centre_mm` (3,): this centre in the flange frame. Both
+    None where no load is recorded or no stiffness stated.
     """
 
     where: str
@@ -37,6 +40,7 @@ class StiffnessRow:
     stiffness: float | None = None
     stiffness_std: float | None = None
     centre_per_mm: float | None = None
+    load_centre_mm: tuple[float, ...] | None = None
 
     def as_json(self) -> dict:
         """The fields by name."""
@@ -53,16 +57,17 @@ def stiffness_rows(model, parameters, std) -> list[StiffnessRow]:
     if not any(row.stiffness for row in rows) or not np.any(model.chain.state.payload > 0):
         return rows
     moved = _moved_by_centre(model, parameters)
+    centre = np.asarray(model.chain.state.load_centre, float)
     changes = [moved.get(f"{row.where}.{JointCompliance.effect}.compliance") for row in rows]
     return [
-        row if change is None or row.stiffness is None else _with_change(row, change)
+        row if change is None or row.stiffness is None else _with_change(row, change, centre)
         for row, change in zip(rows, changes)
     ]
 
 
-def _with_change(row: StiffnessRow, change: np.ndarray) -> StiffnessRow:
+def _with_change(row: StiffnessRow, change: np.ndarray, centre: np.ndarray) -> StiffnessRow:
     centre_per_mm = float(np.linalg.norm(change)) / row.value
-    return replace(row, centre_per_mm=centre_per_mm)
+    return replace(row, centre_per_mm=centre_per_mm, load_centre_mm=tuple(centre.tolist()))
 
 
 def _moved_by_centre(model, parameters) -> dict[str, np.ndarray]:
@@ -102,7 +107,10 @@ def _row(effect, chain, parameters, first: int, std) -> StiffnessRow | None:
         return None
     is_loaded = np.ptp(chain.state.payload) > _VARIES_KG
     mass = chain.robot.mass
-    known_from = MASSES if mass.any() else LOADS
+    if mass.any():
+        known_from = LOADS_AND_MASSES if is_loaded else MASSES
+    else:
+        known_from = LOADS
     if not mass.any() and not is_loaded and not chain.robot.payload_mass:
         known_from = PRODUCT
     if known_from == PRODUCT or not is_clear:

@@ -30,7 +30,7 @@ from workbench.fitting.calibration_plans.plans import read_plan
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compensation.compensate import actual_poses, compensate
 from workbench.jobs.robot.compensation.correction_limits import checked
-from workbench.jobs.robot.compensation.switched_off import switched_off_warning
+from workbench.jobs.robot.compensation.switched_off import switched_off_warnings
 from workbench.jobs.robot.poses import choose_poses
 from workbench.jobs.robot.simulate import simulate
 
@@ -235,16 +235,16 @@ def test_what_a_switched_off_term_moves_is_said_and_not_in_the_uncertainty(run):
     bare = without_terms(arm, ["joint-3.backlash"], "run")
     readings = np.random.default_rng(0).uniform(-1, 1, (20, 6))
     sides = {f"approach{k}": np.ones(20) for k in range(1, 7)}
-    said = switched_off_warning(arm, bare, readings, sides)
+    (said,) = switched_off_warnings(arm, bare, readings, sides)
     assert "joint-3.backlash" in said and "do not contain this" in said
     largest = float(said.split("by up to ")[1].split(" mm")[0])
     moved = actual_poses(arm, readings, sides) - actual_poses(bare, readings, sides)
     assert largest == pytest.approx(np.linalg.norm(moved[:, :3, 3], axis=1).max(), rel=0.01)
     assert 0.1 < largest < 0.3
     readings[0] = np.nan  # a target that is not reached
-    assert "by up to" in switched_off_warning(arm, bare, readings, sides)
-    assert "do not determine" in switched_off_warning(arm, bare, readings, {})
-    assert switched_off_warning(arm, arm, readings, sides) == ""
+    assert "by up to" in switched_off_warnings(arm, bare, readings, sides)[0]
+    assert "do not determine" in switched_off_warnings(arm, bare, readings, {})[0]
+    assert switched_off_warnings(arm, arm, readings, sides) == []
 
 
 def test_smooth_functions_are_part_of_the_model_files(run, tmp_path):

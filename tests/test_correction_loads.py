@@ -79,3 +79,21 @@ def test_a_rigid_model_warns_of_a_load_that_it_does_not_know(workbench, tmp_path
         "the load on the flange is outside" in one and "the arm may" in one
         for one in answer["warnings"]
     )
+
+
+def test_one_load_for_targets_that_have_no_column(workbench, tmp_path):
+    """A robot program has no columns; a table that states its loads takes none from the command line."""
+    elastic(tmp_path / "arm")
+    plain = f"{JOINTS}\n0,10,10,0,30,0\n"
+    stated = f"{JOINTS},payload_kg\n0,10,10,0,30,0,2\n"
+    (tmp_path / "t.csv").write_text(plain)
+    done = workbench("compensate", "arm", "t.csv")
+    assert (
+        done.returncode == 2 and "state one load for all targets with --payload-kg" in done.stderr
+    )
+    _, by_option, _ = answer_of(workbench, tmp_path, plain, "--payload-kg", "2", status=0)
+    _, by_column, _ = answer_of(workbench, tmp_path, stated, status=0)
+    assert by_option[0]["q2_deg"] == by_column[0]["q2_deg"]
+    (tmp_path / "t.csv").write_text(stated)
+    done = workbench("compensate", "arm", "t.csv", "--payload-kg", "2")
+    assert done.returncode == 2 and "omit the option or the column" in done.stderr

@@ -34,9 +34,10 @@ def test_a_stiffness_is_rounded_by_its_uncertainty_and_has_one_unit(change, word
 
 
 def test_the_table_says_what_the_centre_of_the_load_changes():
-    _, head, rows = stiffness_table([ROW | {"centre_per_mm": 0.012}, ROW])
+    loaded = ROW | {"centre_per_mm": 0.012, "load_centre_mm": (1.0, -2.0, 149.6)}
+    _, head, rows = stiffness_table([loaded, ROW])
     assert head[-1] == CENTRE_HEAD and [row[-1] for row in rows] == ["12 %", ""]
-    assert "com_mm" in holds_for([ROW | {"centre_per_mm": 0.012}]) and not holds_for([ROW])
+    assert "at 1, -2, 150 mm" in holds_for([loaded]) and not holds_for([ROW])
 
 
 def test_the_sensitivity_to_the_centre_of_the_load_is_that_of_another_fit():
@@ -70,3 +71,15 @@ def _compliances(model, free, shift) -> np.ndarray:
 def test_the_table_says_that_unmodelled_effects_may_be_in_a_stiffness():
     assert "unmodelled effects" in holds_for([ROW], is_misfit=True)
     assert not holds_for([ROW | {"stiffness": None}], is_misfit=True)
+
+
+def test_a_load_next_to_stated_masses_is_said_to_be_used():
+    made = scene("external-point", n=40, seed=4)
+    model = model_of(made, ("joint-compliance", "joint-2", {}))
+    values = model.parameters.values.copy()
+    values[model.parameters.index[KEYS[0]]] = 2e-5
+    parameters = replace(model.parameters, values=values)
+    free = parameters.only(np.isin(parameters.keys, KEYS))
+    (row,) = stiffness_rows(model, free, {KEYS[0]: 1e-7})
+    assert row.known_from == "recorded loads and stated masses"
+    assert row.load_centre_mm == tuple(model.chain.state.load_centre)

@@ -169,3 +169,36 @@ def test_gravity_of_another_robot_belongs_to_its_file(tmp_path, file):
         InputError, match=r"key robot.gravity: expected this key for a URDF only, .* robot.toml"
     ):
         datasets.read(with_urdf(tmp_path / "good", "[0.0, 0.0, 1.0]", file))
+
+
+def with_payload(folder: Path, robot: str, section: str) -> Path:
+    folder = write_good(folder, "external-point")
+    text = (folder / "recording.toml").read_text()
+    payload = f"[{section}]\nmass_kg = 0.5\ncom_mm = [0.0, 0.0, 150.0]\n"
+    (folder / "recording.toml").write_text(
+        text.replace('file = "robot.toml"', robot) + f"\n{payload}"
+    )
+    return folder
+
+
+def test_a_built_in_robot_has_the_tool_that_the_recording_states(tmp_path):
+    recording = datasets.read(
+        with_payload(tmp_path / "good", 'builtin = "kuka_kr10_r1100"', "robot.payload")
+    )
+    robot = load_robot(recording.robot)
+    plain = load_robot("kuka_kr10_r1100")
+    assert robot.payload_mass == 0.5 and robot.payload_com.tolist() == [0, 0, 150]
+    np.testing.assert_array_equal(robot.geometry, plain.geometry)
+
+
+@pytest.mark.parametrize(
+    ("robot", "section", "words"),
+    [
+        ('builtin = "ur10"', "payload", r"\[payload\]: expected this section in robot.toml"),
+        ('file = "robot.toml"', "payload", r"\[payload\]: expected this section in robot.toml"),
+        ('file = "robot.toml"', "robot.payload", r"write \[payload\] into the robot file"),
+    ],
+)
+def test_a_payload_where_it_has_no_effect_is_refused(tmp_path, robot, section, words):
+    with pytest.raises(InputError, match=words):
+        datasets.read(with_payload(tmp_path / "good", robot, section))

@@ -121,6 +121,7 @@ STIFFNESS = {
     "stiffness": 24912.3,
     "stiffness_std": 1123.4,
     "centre_per_mm": 0.012,
+    "load_centre_mm": (0.0, 0.0, 60.0),
 }
 
 
@@ -270,7 +271,10 @@ def test_solve_that_did_not_converge_is_a_warning(tmp_path):
 
 def test_the_page_has_the_stiffness_of_the_joints(written):
     assert "<td>24,900 ± 1,100 N m/rad</td><td>12 %</td>" in written[1]
-    assert "holds for the centre of the load as stated (<code>com_mm</code>" in written[1]
+    assert (
+        "holds for a load whose centre is at 0, 0, 60 mm in the flange frame (<code>com_mm</code>"
+        in written[1]
+    )
 
 
 def test_parameters_are_shown_in_degrees_to_two_digits_of_their_sigma():

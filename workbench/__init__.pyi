@@ -300,6 +300,7 @@ def compensate(
     max_joint_change_deg: float = 10.0,
     map: Path | str | None = None,
     start: str | None = None,
+    payload_kg: float | None = None,
     tolerance: Sequence[str] | str | None = None,
     out: Path | str | None = None,
     no_report: bool = False,
@@ -328,6 +329,8 @@ def compensate(
         start: Start of the inverse kinematics for targets that are flange poses; it selects the
             configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording (its nearest
             pose). Default: the middle of the joint ranges.
+        payload_kg: Load of all targets, beyond the empty tool; for targets without a column
+            payload_kg, as a robot program.
         tolerance: Largest accepted error, such as 0.1mm, 0.05deg or 0.3px; `passed` is False if it
             is exceeded. One per unit.
         out: Folder to write; default: a temporary one, which is removed with the result.
@@ -559,6 +562,7 @@ def export(
     targets: DataFrame | ndarray | Path | str | None = None,
     map: Path | str | None = None,
     start: str | None = None,
+    payload_kg: float | None = None,
 ) -> Result:
     r"""Write a calibrated model or a corrected program in another format; the file is read back as a
     check.
@@ -585,6 +589,8 @@ def export(
         start: Start of the inverse kinematics for targets that are flange poses; it selects the
             configuration of the arm: joint readings (0,-90,90,0,90,0), or a recording (its nearest
             pose). Default: the middle of the joint ranges.
+        payload_kg: Load of all targets, beyond the empty tool; for targets without a column
+            payload_kg, as a robot program.
 
     Returns:
         The answer of the command, with the entries below.
@@ -639,7 +645,8 @@ def hand_eye(
 
     Entries of the result:
 
-    - `hand_eye`: the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`, `std_deg`.
+    - `hand_eye`: the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`,
+      `rotvec_std_deg`; `std_deg` of a small rotation about the axes of the frame.
     - `transform`: its name: T_flange_sensor for a camera on the arm, T_base_sensor for a stationary
       one.
     - `target`: pose of the board, in the same form.

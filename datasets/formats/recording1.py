@@ -101,6 +101,13 @@ def read_head(folder: Path, trust_data: bool = False) -> tuple[Recording, Path, 
 
 def _check_recording(keys: Mapping, called: str) -> None:
     check_keys(keys, RECORDING, called)
+    if "payload" in keys:
+        raise complaint(
+            f"{called}, [payload]",
+            "this section in robot.toml",
+            "it in the recording, where it has no effect",
+            "move it to robot.toml, or name it [robot.payload] next to builtin",
+        )
     for section, wanted in SECTIONS.items():
         if section in keys:
             check_keys(keys[section], wanted, f"{called}, [{section}]")

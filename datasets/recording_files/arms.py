@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 from datasets.errors import complaint
 from datasets.files import file_in_folder, label, read_text, read_toml
 from datasets.recording_files.keys import shown
+from workbench.core.robot_files.builtin_names import builtin_keys, check_builtin_name
 from workbench.core.robot_files.robot_description import is_description
 from workbench.core.robot_files.robot_file import checked_robot_file
 
@@ -25,7 +26,14 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
             "write gravity into robot.toml and name that file",
         )
     if "builtin" in section:
-        return {"builtin": section["builtin"]}
+        return _builtin(section, called)
+    if "payload" in section:
+        raise complaint(
+            f"{called}, [robot.payload]",
+            "this section next to builtin only",
+            "it next to file",
+            "write [payload] into the robot file",
+        )
     if "file" not in section:
         raise complaint(
             f"{called}, key robot.file",
@@ -45,6 +53,18 @@ def read_robot(folder: Path, section: Mapping, called: str) -> dict:
         )
     robot = read_toml(path, label(path))
     check_robot(robot, label(path))
+    return robot
+
+
+def _builtin(section: Mapping, called: str) -> dict:
+    """The name of a built-in arm; with [robot.payload] all its keys, with this empty tool and centre of the load."""
+    robot = {"builtin": section["builtin"]}
+    if "payload" not in section:
+        return robot
+    check_builtin_name(section["builtin"], f"{called}, key robot.builtin")
+    robot = {**builtin_keys(robot), "payload": section["payload"]}
+    if "builtin" not in robot:
+        check_robot(robot, f"{called}, [robot]")
     return robot
 
 

@@ -158,6 +158,7 @@ SECTIONS = {
         "tip": TEXT,
         "mimic": TABLE,
         "gravity": Key(_is_unit, "three numbers, a unit vector"),
+        "payload": TABLE,
         "joints": Key(_are_names, "a list of joint names"),
     },
     "guess": {},

@@ -23,7 +23,7 @@ def builtin_robots() -> list[str]:
 def load_robot(spec: Mapping | str | PathLike, where: str = "robot") -> Robot:
     """The arm that `spec` names.
 
-    spec: the keys of robot.toml; {"builtin": name}; {"urdf": path, "joints": [...], "tip": link}
+    spec: the keys of robot.toml; {"builtin": name}, also with `payload`; {"urdf": path, "joints": [...], "tip": link}
     (see `urdf.robot_from_urdf`); a path to a .toml, .urdf or MJCF (.xml, .mjcf) file, the latter two also
     as FILE#LINK, the link being the flange; or a builtin name.
     where: what to call a mapping in an error sentence, usually the file that it came from.
@@ -54,7 +54,7 @@ def whole_keys(spec: Mapping) -> dict:
     """Keys of robot.toml of an arm, those of a built-in one in place of its name, so that others can be added."""
     if "builtin" not in spec:
         return dict(spec)
-    return dict(read_robot_keys(_builtin_file(spec["builtin"])))
+    return _builtin_keys(spec)
 
 
 def _builtin_file(name: str):
@@ -63,12 +63,18 @@ def _builtin_file(name: str):
 
 def _load_builtin(spec: Mapping, where: str) -> Robot:
     name = spec["builtin"]
-    if len(spec) > 1:
+    if spec.keys() - {"builtin", "payload"}:
         raise wrong(
             f"{where}: key builtin",
-            "no other key next to it",
+            "no other key than payload next to it",
             ", ".join(map(str, spec)),
             "remove the others",
         )
     check_builtin_name(name, f"{where}: key builtin", builtin_robots())
-    return robot_from_keys(read_robot_keys(_builtin_file(name)), f"{name}.toml")
+    return robot_from_keys(_builtin_keys(spec), f"{name}.toml")
+
+
+def _builtin_keys(spec: Mapping) -> dict:
+    """Keys of the file of a built-in arm, with the `payload` that stands next to its name."""
+    payload = {key: spec[key] for key in ("payload",) if key in spec}
+    return {**read_robot_keys(_builtin_file(spec["builtin"])), **payload}

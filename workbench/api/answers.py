@@ -87,7 +87,8 @@ ANSWERS: dict[str, dict[str, str]] = {
         "images": "one row for each image: `corners`, `rms_px`.",
     },
     "hand_eye": {
-        "hand_eye": "the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`, `std_deg`.",
+        "hand_eye": "the transform: `matrix` (4 x 4, mm), `xyz_mm`, `rotvec_deg`, `std_mm`, `rotvec_std_deg`; "
+        "`std_deg` of a small rotation about the axes of the frame.",
         "transform": "its name: T_flange_sensor for a camera on the arm, T_base_sensor for a stationary one.",
         "target": "pose of the board, in the same form.",
         "held_out": "scatter of the board pose on images left out of the fit: `centre_mm`, `turn_deg`, `rms_px`.",

@@ -103,6 +103,18 @@ def left_jacobian(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + first * cross_matrix + second * (cross_matrix @ cross_matrix)
 
 
+def rotation_vector_std(vector: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(3,) rad, 1 sigma of the components of a rotation vector (3,) whose rotation is uncertain.
+
+    covariance (3, 3): of a small rotation about the axes of the frame that is rotated to, left-multiplied, rad^2; where
+    it is not finite, its own roots are returned. The components of the vector change by the inverse of `left_jacobian`.
+    """
+    if not np.isfinite(covariance).all():
+        return np.sqrt(np.diag(covariance))
+    inverse = np.linalg.inv(left_jacobian(vector))
+    return np.sqrt(np.diag(inverse @ covariance @ inverse.T))
+
+
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """(..., 3, 3) rotations nearest to `matrix` in the Frobenius norm (Kabsch, by SVD)."""
     u, _, vt = np.linalg.svd(matrix)

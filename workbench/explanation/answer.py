@@ -76,7 +76,8 @@ from workbench.machine.progress import duration, elapsed
 IMAGES = ("board-images", "scan-images")
 NO_MASSES = (
     "The robot file of {robot!r} states no masses: deflection under gravity is found only as the product of "
-    "compliance and first moment. For a stiffness in N m/rad write mass_kg and com_mm of every joint."
+    "compliance and first moment. For a stiffness in N m/rad record known loads (payload_kg), or write mass_kg "
+    "and com_mm of every joint."
 )
 _LONG_S = 1.0  # a search beyond which processes are worth their start
 

@@ -10,7 +10,7 @@ import typer
 
 from workbench.commands.robot.calibrate import WithoutOption
 from workbench.commands.shared import answer, tables
-from workbench.commands.shared.target_map import TargetMap
+from workbench.commands.shared.target_map import PayloadKg, TargetMap
 from workbench.files import runs
 
 Solution = Annotated[
@@ -87,6 +87,7 @@ def command(
     max_joint_change_deg: MaxJointChange = 10.0,
     map: TargetMap = None,
     start: Start = None,
+    payload_kg: PayloadKg = None,
     tolerance: answer.Tolerance = None,
     out: answer.OutFolder = None,
     json: answer.JsonTarget = None,
@@ -110,7 +111,7 @@ def command(
             judge_targets,
         )
         from workbench.jobs.robot.compensation.elapsed_time import elapsed_time_words
-        from workbench.jobs.robot.compensation.switched_off import switched_off_warning
+        from workbench.jobs.robot.compensation.switched_off import switched_off_warnings
         from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
         from workbench.machine.progress import paced
 
@@ -118,28 +119,28 @@ def command(
         limits = Limits(max_correction_mm, max_correction_deg, max_sigma_mm, max_joint_change_deg)
         solution_keys = checked(read_solution(solution), solution, force, limits)
         arm = without_terms(solution_keys, without or (), str(solution))
-        programme, stated = _read_targets(arm, targets, map, start, force)
+        programme, stated = _read_targets(arm, targets, map, start, force, payload_kg)
         covariates = covariates_of(arm, programme)
         tick = paced(progress, f"inverting the model at {len(programme.readings)} targets, step")
         found = compensate_programme(arm, programme, covariates, tick)
         assessment = judge_targets(arm, programme, found, limits)
-        refused, forced = ({}, assessment.refused) if force else (assessment.refused, {})
+        refused = {} if force else assessment.refused
         notes = [*stated, *elapsed_time_words(arm, found, covariates), *assessment.warnings]
-        notes += [*_changes(arm, programme, found), *_forced(forced)]
-        if disabled_warning := switched_off_warning(solution_keys, arm, found.readings, covariates):
-            notes.append(disabled_warning)
+        notes += [*_changes(arm, programme, found), *_forced(assessment.refused if force else {})]
+        notes += switched_off_warnings(solution_keys, arm, found.readings, covariates)
         with runs.opened("compensate", targets.stem, out) as run:
             result = {
                 **_summary(arm, found, refused),
                 "configurations": _configurations(arm, programme, found),
                 "warnings": [*target_warnings(programme, arm.robot), *notes],
+                "remarks": _remarks(arm),
                 "unattainable": _unattainable(arm, programme, found, covariates),
                 "verdict": _verdict(arm, found, refused, tolerances).as_json(),
                 **{"targets": targets, "solution": solution, "run": run.path},
                 "corrected": run.path / "corrected.csv",
             }
-            columns = corrected_columns(programme, arm.robot, found, refused)
-            runs.replace_file(run.partial / "corrected.csv", as_csv(columns))
+            columns = as_csv(corrected_columns(programme, arm.robot, found, refused))
+            runs.replace_file(run.partial / "corrected.csv", columns)
             runs.replace_file(run.partial / "answer.json", answer.as_text(result))
             if not no_report:
                 _write_page(run.partial, arm, programme, found, result)
@@ -156,15 +157,26 @@ def _write_page(folder: Path, arm, programme, found, result) -> None:
     write_sheet(corrections.page(arm, programme, found, result), folder)
 
 
-def _read_targets(arm, targets: Path, mapping, start, force: bool):
-    """The programme and sentences on its configurations. Raises InputError, also for a unit that cannot be."""
+def _remarks(arm) -> list[str]:
+    """To which point the stated errors refer, where the data leave the flange open."""
+    from robot_model.tool_points import undetermined_points_remark
+
+    return list(filter(None, [undetermined_points_remark(arm.values)]))
+
+
+def _read_targets(arm, targets: Path, mapping, start, force: bool, payload_kg: float | None):
+    """The programme, under the stated load, and sentences on its configurations.
+
+    Raises InputError, also for a unit that cannot be.
+    """
     from workbench.files.corrected_targets import check_uncorrected
     from workbench.files.targets import read_programme
     from workbench.jobs.robot.compensation.stated_configuration import configured
     from workbench.jobs.robot.compensation.target_units import check_units
+    from workbench.jobs.robot.compensation.unrecorded_load import with_load
     from workbench.jobs.robot.session_clock import targets_on_session_clock
 
-    programme = read_programme(targets, arm.robot, mapping)
+    programme = with_load(read_programme(targets, arm.robot, mapping), payload_kg)
     if not force:
         check_uncorrected(programme, targets)
         check_units(arm, programme)
@@ -347,7 +359,7 @@ def _show(console, result) -> None:
             f"{configuration['configuration']} (--start chooses another).",
             markup=False,
         )
-    for sentence in result["warnings"]:
+    for sentence in (*result["warnings"], *result["remarks"]):
         console.print(sentence, markup=False)
     _show_unreached(console, result)
     _show_refused(console, result["refused"])

@@ -12,7 +12,7 @@ from workbench.commands.robot.compensate import Force, Start
 from workbench.commands.robot.export_arm import FORMATS as ARM_FORMATS
 from workbench.commands.robot.export_arm import STEPS, ArmOptions, export_arm
 from workbench.commands.shared import answer
-from workbench.commands.shared.target_map import TargetMap
+from workbench.commands.shared.target_map import PayloadKg, TargetMap
 from workbench.core.errors import InputError
 from workbench.files.runs import replace_file
 from workbench.machine.progress import counted
@@ -95,6 +95,7 @@ def command(
     targets: Targets = None,
     map: TargetMap = None,
     start: Start = None,
+    payload_kg: PayloadKg = None,
     json: answer.JsonTarget = None,
 ) -> None:
     """Write a calibrated model or a corrected program in another format; the file is read back as a check.
@@ -114,7 +115,7 @@ def command(
             f"--out {file} expects a file in a folder that exists; make {file.parent} or name another"
         )
     kind, path = _choose(source, to)
-    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map, start)
+    options = ArmOptions(urdf, tip, targets, tuple(without or ()), force, map, start, payload_kg)
     frames = _Frames(parent_frame, child_frame)
     with answer.progress(f"writing {file} and reading it back") as progress:
         step = counted(progress, STEPS)

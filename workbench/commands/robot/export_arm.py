@@ -19,7 +19,8 @@ FORMATS = ("urdf", "mjcf", "python", "ros", *PROGRAMS, "mdh-json", "mdh-csv")
 class ArmOptions:
     """Options of single formats: `urdf` to be patched and its `tip` link, `targets` of a program, terms switched
     off by name (`excluded_terms`), whether a doubtful calibration is used all the same (`force`), the mapping of the
-    columns of the targets (`map`), and where the search for the readings of poses starts (`start`)."""
+    columns of the targets (`map`), where the search for the readings of poses starts (`start`), and the load of all
+    targets (`payload_kg`)."""
 
     urdf: Path | None = None
     tip: str | None = None
@@ -28,6 +29,7 @@ class ArmOptions:
     force: bool = False
     map: Path | None = None
     start: str | None = None
+    payload_kg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,13 @@ def check_options(format_name: str, options: ArmOptions) -> None:
         raise InputError(
             f"--targets: expected with --to {', '.join(PROGRAMS)}, found --to {format_name}; leave it out"
         )
-    for name, value in (("--map", options.map), ("--start", options.start)):
-        if value and not options.targets:
+    of_targets = (
+        ("--map", options.map),
+        ("--start", options.start),
+        ("--payload-kg", options.payload_kg),
+    )
+    for name, value in of_targets:
+        if value is not None and not options.targets:
             raise InputError(f"{name}: expected with --targets, found no targets; leave it out")
     if format_name in PROGRAMS and options.targets is None:
         raise InputError(
@@ -225,9 +232,10 @@ def _program(arm, format_name: str, file: Path, options: ArmOptions, read_back) 
         covariates_of,
         judge_targets,
     )
-    from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme
+    from workbench.jobs.robot.compensation.unrecorded_load import compensate_programme, with_load
 
     programme, sentences = _targets(arm, options)
+    programme = with_load(programme, options.payload_kg)
     covariates = covariates_of(arm, programme)
     found = compensate_programme(arm, programme, covariates)
     refused = {} if options.force else judge_targets(arm, programme, found, Limits()).refused

@@ -244,7 +244,7 @@ def handeye(console, answer: Mapping) -> None:
         console.print(f"Warning: {sentence}", style="bold red", markup=False, soft_wrap=True)
     values, spreads = (
         (*sensor["xyz_mm"], *sensor["rotvec_deg"]),
-        (*sensor["std_mm"], *sensor["std_deg"]),
+        (*sensor["std_mm"], *sensor["rotvec_std_deg"]),
     )
     names = ("x mm", "y mm", "z mm", "rx deg", "ry deg", "rz deg")
     rows = [

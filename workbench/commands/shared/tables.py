@@ -29,6 +29,7 @@ def calibration(console, answer: Mapping) -> None:
     _errors(console, answer)
     _stages(console, answer["stages"])
     from robot_model.effects.curve import JointCurve
+    from robot_model.tool_points import undetermined_points_remark
 
     curves = answer.get("joint_curves", [])
     _joint_curves(console, curves)
@@ -42,6 +43,9 @@ def calibration(console, answer: Mapping) -> None:
         console.print(f"{sentence}\n", markup=False)
     if sentence := combinations(answer["stages"]):
         console.print(f"{sentence}\n", markup=False)
+    values = {_key(row): row["value"] for row in answer["parameters"]}
+    if sentence := undetermined_points_remark(values):
+        console.print(f"{sentence}\n", markup=False)
 
 
 def combinations(stages: Sequence[Mapping]) -> str:
@@ -51,7 +55,7 @@ def combinations(stages: Sequence[Mapping]) -> str:
     stage = stages[0]
     return (
         f"{stage['identifiable']} of {stage['free']} combinations of the {stage['name']} are identifiable. The others "
-        "have conventional values, which do not affect predictions and corrections."
+        "have conventional values, which do not affect predictions and corrections of the measured points."
     )
 
 

@@ -39,14 +39,17 @@ def holds_for(stiffness: Sequence[Mapping], is_misfit: bool = False) -> str:
             "The residual contains unmodelled effects. A stiffness may contain a part of them, and its standard "
             "deviation does not: use the compliance that `workbench diagnose` states."
         )
-    if any(row.get("centre_per_mm") for row in stiffness):
-        sentences.append(_CENTRE)
+    centres = [row["load_centre_mm"] for row in stiffness if row.get("centre_per_mm")]
+    if centres:
+        place = ", ".join(f"{coordinate:.0f}" for coordinate in centres[0])
+        sentences.append(_CENTRE.format(place=place))
     return " ".join(sentences)
 
 
 _CENTRE = (
-    "Stiffness holds for the centre of the load as stated (`com_mm` of `[payload]`). The standard deviations "
-    "do not contain its uncertainty; the last column lists the change for 10 mm in the least favourable direction."
+    "Stiffness holds for a load whose centre is at {place} mm in the flange frame (`com_mm` of `[payload]`, else the "
+    "measured point). The standard deviations do not contain its uncertainty; the last column lists the change for "
+    "10 mm in the least favourable direction."
 )
 
 

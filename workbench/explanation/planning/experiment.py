@@ -39,7 +39,10 @@ _LIKELY, _SIMILAR = (
     0.9,
 )  # probability, or share of the signature, from which on an alternative is plausible
 _PRIOR_SIZES = 10.0  # typical sizes: what is known of the sizes of the two before measuring
-NOTHING = "No finding is in doubt, so that no further recording is needed to distinguish it from anything else."
+NOTHING = (
+    "No finding is in doubt, and no further recording is needed. `workbench compensate RUN targets.csv` corrects the "
+    "findings that move the arm."
+)
 EXCEPT = "No finding is in doubt, except by what this recording does not hold."
 REFUSED = (
     "Of the findings that are retained none is in doubt. Open is {names}, which was found and not retained, because "

@@ -22,7 +22,7 @@ from sensors.hand_eye.checks.review import Review
 from sensors.hand_eye.result import HandEye
 from sensors.trust import Trust
 from workbench.core.errors import InputError
-from workbench.core.rigid import rotation_vector
+from workbench.core.rigid import rotation_vector, rotation_vector_std
 from workbench.files.images.columns import recorded_columns
 from workbench.files.images.flange import flange_poses, rows_of_samples
 from workbench.files.images.images import by_role, check_size
@@ -423,11 +423,16 @@ def profiler_json(run: HandEyeRun) -> dict:
 
 
 def placed_json(matrix: np.ndarray, covariance: np.ndarray) -> dict:
-    """A transform as place and rotation vector with 1 sigma each (inf: not determined), and as a matrix."""
+    """A transform as place and rotation vector with 1 sigma each (inf: not determined), and as a matrix.
+
+    `std_deg` is that of a small rotation about the axes of the frame, `rotvec_std_deg` that of the rotation vector.
+    """
     std = np.sqrt(np.diag(covariance))
+    rotvec = rotation_vector(matrix[:3, :3])
     return {
         "xyz_mm": matrix[:3, 3].tolist(),
-        "rotvec_deg": np.rad2deg(rotation_vector(matrix[:3, :3])).tolist(),
+        "rotvec_deg": np.rad2deg(rotvec).tolist(),
+        "rotvec_std_deg": np.rad2deg(rotation_vector_std(rotvec, covariance[3:, 3:])).tolist(),
         "std_mm": std[:3].tolist(),
         "std_deg": np.rad2deg(std[3:]).tolist(),
         "matrix": matrix.tolist(),

@@ -29,7 +29,7 @@ def page(arm, programme, found: Compensated, answer: Mapping) -> Page:
         Section("joints", "Changes of the joint readings", tuple(_joints(arm, programme, found))),
         Section("provenance", "Provenance", (_source(answer),)),
     )
-    warning = " ".join(map(sentence, answer["warnings"]))
+    warning = " ".join(map(sentence, (*answer["warnings"], *answer["remarks"])))
     title = f"Targets of {answer['targets'].name}"
     lead = (answer["verdict"]["sentence"],)
     return Page("Corrected targets", title, numbers, lead, sections, warning, files=_FILES)

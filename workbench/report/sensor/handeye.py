@@ -359,7 +359,7 @@ def _transform(run):
     ]
     rows += [
         (f"r{axis}", *_valued(v, s), "deg")
-        for axis, v, s in zip("xyz", placed["rotvec_deg"], placed["std_deg"])
+        for axis, v, s in zip("xyz", placed["rotvec_deg"], placed["rotvec_std_deg"])
     ]
     yield table(["", "value", "σ", "unit"], rows)
     yield from _as_matrix(hand_eye.sensor)

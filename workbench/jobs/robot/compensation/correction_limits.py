@@ -219,6 +219,9 @@ def _amount(arm: CalibratedArm, key: str) -> str:
     return f"{deviation:.3g}"
 
 
+_LOAD_OPTION = {LOAD: ", or state one load for all targets with --payload-kg"}
+
+
 def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
     """The columns of a programme that the model may read: those that the recording of the calibration had.
 
@@ -236,7 +239,7 @@ def covariates_of(arm: CalibratedArm, programme) -> Mapping[str, np.ndarray]:
             f"{programme.table.called}, column {name}",
             f"this column, on which the calibrated correction depends ({low:.4g} to {high:.4g} in the recording)",
             "no such column",
-            "add it with the values that hold when the programme runs",
+            "add it with the values that hold when the programme runs" + _LOAD_OPTION.get(name, ""),
         )
     known = {*arm.fitted_range, *sides, LOAD}
     if only_stated_load(arm, programme):

@@ -10,12 +10,12 @@ from workbench.jobs.robot.compensation.compensate import actual_poses, covariate
 _ROUNDING_MM = 1e-9  # below it, two models have the same poses
 
 
-def switched_off_warning(
+def switched_off_warnings(
     complete_arm: CalibratedArm, arm: CalibratedArm, readings: np.ndarray, covariates=None
-) -> str:
-    """Sentence on how far the missing terms move the flange at readings (n, R); "" where none is missing.
+) -> list[str]:
+    """A sentence on how far the missing terms move the flange at readings (n, R); none where none is missing.
 
-    whole: the calibrated arm with all terms; arm: without some of them. Rows of nan, of targets that are not reached,
+    complete_arm: the calibrated arm with all terms; arm: without some of them. Rows of nan, of targets not reached,
     do not count. The held-out error and the covariance of a solution are those of all its terms.
     """
     disabled = [
@@ -25,7 +25,7 @@ def switched_off_warning(
     ]
     reached = np.isfinite(readings).all(1)
     if not disabled or not reached.any():
-        return ""
+        return []
     names = [term_names(effect.effect, effect.where, name_of(effect))[0] for effect in disabled]
     rows = readings[reached]
     columns = {name: np.asarray(v)[reached] for name, v in (covariates or {}).items()}
@@ -40,10 +40,10 @@ def switched_off_warning(
         unknown = True
     if unknown:
         size = "by a distance that the columns of the targets do not determine"
-    return (
+    return [
         f"--without: the terms {', '.join(names)}, as they were calibrated, move the flange at these targets {size}. "
         "The held-out error, the uncertainty and the verdict are those of the complete model and do not contain this."
-    )
+    ]
 
 
-__all__ = ["switched_off_warning"]
+__all__ = ["switched_off_warnings"]

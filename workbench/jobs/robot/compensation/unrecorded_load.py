@@ -4,11 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 
+from workbench.core.errors import InputError
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.compensate import Compensated, actual_poses, compensate
 
 LOAD = "payload_kg"
 _LEAST_MM = 1e-6  # below it nothing deflects
+
+
+def with_load(programme, payload_kg: float | None):
+    """The programme with one load (kg) for all its targets; unchanged for None.
+
+    programme: `workbench.files.targets.Programme`. Raises InputError where the targets state loads of their own.
+    """
+    if payload_kg is None:
+        return programme
+    if LOAD in programme.covariates:
+        raise InputError(
+            f"{programme.table.called}, column {LOAD}: expected no such column next to --payload-kg, found one; "
+            "omit the option or the column."
+        )
+    loads = np.full(len(programme.readings), float(payload_kg))
+    return replace(programme, covariates={**programme.covariates, LOAD: loads})
 
 
 def is_load_unrecorded(arm: CalibratedArm) -> bool:
