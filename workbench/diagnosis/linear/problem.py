@@ -364,7 +364,7 @@ class Alternative:
 
     `probability`: its share of the posterior; `alike`: share of the finding's signature that it explains
     in these poses (squared canonical correlation, 0-1); `why`: a short reason; `missing`: the
-    covariate that was not recorded and that it would need.
+    covariate that was not recorded and that it would need; `detail`: values that it may have, in words.
     """
 
     effect: str
@@ -374,6 +374,7 @@ class Alternative:
     squared_correlation: float
     why: str
     missing_covariate: str = ""
+    detail: str = ""
 
 
 def likeness_text(likeness: float) -> str:

@@ -32,6 +32,7 @@ from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Alternative, Problem
 from workbench.diagnosis.robot.mass_responses import LABEL
 from workbench.diagnosis.search.compatible import compatible
+from workbench.diagnosis.search.load_range import mass_range
 from workbench.diagnosis.search.most_probable_set import as_solved, order_by_gain
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members, columns_of_terms
 from workbench.diagnosis.search.prior import DEFLECTS
@@ -112,7 +113,10 @@ def unstated_load(search: Search, i: int) -> Alternative | None:
     constant = (h for h in table if h.effect == Payload.effect and h.effects[0].after is None)
     log_odds = max((h.log_weight for h in constant), default=-np.inf)
     place = loads[0].effect, loads[0].where, "constant"
-    return Alternative(*place, float(expit(log_odds)), likeness, UNSTATED_LOAD)
+    y = problem.orthogonalise(problem.residual)
+    masses = mass_range(signature, problem.orthogonalise(by_load.T).T, y, search.variance())
+    detail = masses.words
+    return Alternative(*place, float(expit(log_odds)), likeness, UNSTATED_LOAD, detail=detail)
 
 
 def _take_over(search: Search, trial: Search) -> None:

@@ -140,10 +140,12 @@ def _masses(found: Finding) -> str:
 
 def _unstated_load(found: Finding) -> str:
     """That the compliance holds without a load that is not recorded, where the poses do not exclude one; else ""."""
-    if not any(alternative.why == UNSTATED_LOAD for alternative in found.alternatives):
+    load = next((a for a in found.alternatives if a.why == UNSTATED_LOAD), None)
+    if load is None:
         return ""
+    masses = f" ({load.detail})" if load.detail else ""
     return (
-        "If the tool carried a load that is not recorded, the compliance would be smaller: these poses do not "
+        f"If the tool carried a load that is not recorded{masses}, the compliance would be smaller: these poses do not "
         "distinguish the two. Weigh the tool with its load, or measure some of the poses again with a known additional "
         "load."
     )

@@ -34,10 +34,18 @@ def change_point_sentence(named, change) -> str:
         )
     else:
         remedy = "find the jump"
+    if change.is_load:
+        event = f"{change.moved_object} has changed (its deflection moves the"
+        remedy = f"record the load (column payload_kg), {remedy}"
+    else:
+        event = f"{change.moved_object} has moved (the"
+    others = ""
+    if change.others:
+        others = f"; these poses do not distinguish it from {' or '.join(change.others)}"
     return (
-        f"{named}, samples {change.before} and {change.after}: between them {change.moved_object} has moved (the "
-        f"measured points by about {change.shift_mm:.3g} mm); no single model fits both parts; {remedy} with "
-        "`workbench diagnose`, calibrate the parts separately, or measure again."
+        f"{named}, samples {change.before} and {change.after}: between them {event} measured points by about "
+        f"{change.shift_mm:.3g} mm){others}; no single model fits both parts; {remedy} with `workbench diagnose`, "
+        "calibrate the parts separately, or measure again."
     )
 
 

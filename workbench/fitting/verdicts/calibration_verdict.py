@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from robot_model.measurements.ball_scan import FILE_KIND
 from workbench.fitting.plausibility.hypotheses.corrections import listed
-from workbench.fitting.verdicts.noise_report import NoiseReport, is_above
+from workbench.fitting.verdicts.noise_report import DIAGNOSE, NoiseReport, is_above
 from workbench.fitting.verdicts.verdict import (
     STATED,
     Noise,
@@ -24,6 +24,7 @@ POSITION, ORIENTATION = "held-out RMS position error", "held-out RMS orientation
 # coordinates. At 1.5 times, parameters take more than half of the coordinates.
 _TOO_FEW = 1.5
 _PLACES = {"base": "the instrument or the base", "tool": "the reflector, sensor or tool"}
+_MAJORITY = 0.5  # share of a mean square from which on it is most of it
 _MOVED = 0.5  # share of the test error that remains once the part that moved is estimated on the test samples
 
 
@@ -97,7 +98,21 @@ def calibration_verdict(
             _held_out_verdict(_orientation(held_out, report), tolerances, report.advice)
         )
     verdict = with_remark(combine(verdicts), carrying_samples(held_out))
+    verdict = with_remark(verdict, _structure_of_unknown_noise(report))
     return _failed(verdict) if report.alarms else verdict
+
+
+def _structure_of_unknown_noise(report: NoiseReport) -> str:
+    """That most of a residual whose noise is not known is no noise; "" elsewhere."""
+    structure = report.findings.structure
+    if report.known_rms or structure is None or not structure.found:
+        return ""
+    if structure.share < _MAJORITY:
+        return ""
+    return (
+        f"{100 * structure.share:.0f} % of the mean square that the fit leaves is no noise: it depends on "
+        f"{listed(structure.depends_on)}; {DIAGNOSE}."
+    )
 
 
 def carrying_samples(held_out: Mapping) -> str:

@@ -1,13 +1,15 @@
-"""Whether the residual of a calibration depends on joint angles or on the order of the samples.
+"""Whether the residual of a calibration depends on joint angles, on the side from which a joint came, or on the order
+of the samples.
 
-Noise depends on neither. A dependence is therefore evidence of an unmodelled effect, and what is left without it is
-an upper limit of the noise that needs no model of the effect.
+Noise depends on none of them. A dependence is therefore evidence of an unmodelled effect, and what is left without it
+is an upper limit of the noise that needs no model of the effect.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from workbench.core.covariates import clock, last_side, reversals
 from workbench.core.least_squares.adjustment_tests import (
     change_test,
     neighbour_test,
@@ -17,16 +19,19 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 ORDER, JOINTS = "the order of the samples", "the joint angles"
+SIDE = "the side from which joint {} came"
 _LEVEL = 0.001
 _MOST_SAMPLES = 1500
 _LEAST_POSES = 12
+_LEAST_REVERSALS = 4
+"""Of a joint, from which on its side is no step in the course of the recording."""
 
 
 @dataclass(frozen=True)
 class Structure:
     """Tests of the residual's structure.
 
-    `p_value` of the smallest of the five p-values, times their number (Bonferroni). `share` of the residual variance
+    `p_value` of the smallest of the six p-values, times their number (Bonferroni). `share` of the residual variance
     that is certainly no noise. `depends_on` names in words what the residual depends on; empty where nothing was
     found.
     """
@@ -53,11 +58,11 @@ def structure(
 ) -> Structure:
     """Tests for a model on its n fitted samples; residual (m, n) of the fit, mm and rad.
 
-    Five tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
+    Six tests: von Neumann's ratio of poses that follow one another (in the robot's frame and in that of the
     measurement, because a sensor that slips moves with the arm), a change at an instant or a slow drift of base, tool,
     joint or load (CUSUM), von Neumann's ratio of poses that are neighbours in joint space,
-    and a regression on periodic errors of every joint. All but the last need no model; the last has power where poses
-    are scattered widely.
+    a regression on periodic errors of every joint, and one on a gap of every joint, by the side from which it came.
+    The first four need no model; the others have power where poses are scattered widely.
     """
     chain = model.chain
     _, arrows = in_root(model, parameters, residual[:3])
@@ -69,6 +74,7 @@ def structure(
         (ORDER, *_of_change(model, parameters, residual, arrows, samples)),
         (JOINTS, *_of_neighbours(means, joints)),
         (JOINTS, *_of_joint_errors(model, parameters, residual)),
+        _of_sides(model, parameters, residual),
     ]
     significant = [(name, share) for name, p, share in tests if p * len(tests) < _LEVEL]
     smallest = min(p for _, p, _ in tests) * len(tests)
@@ -146,27 +152,92 @@ def _of_neighbours(means, joints):
 
 def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray):
     """p-value and share for periodic errors of the joints, beyond what the fitted parameters absorb."""
-    n = residual.shape[1]
-    chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
-    part = model.at(chosen)
-    _, rows = part.linearise(parameters)
-    degrees = residual[:, chosen].size - len(rows)
-    columns = _joint_error_columns(part, parameters, degrees)
+    regression = _Regression.of(model, parameters, residual)
+    degrees = regression.residual.size - len(regression.rows)
+    columns = _joint_error_columns(regression.model, parameters, degrees)
     if columns is None:
         return 1.0, 0.0
-    root = 1 / part.sigma(parameters)
-    white = (residual[:, chosen] * root).ravel()
-    baseline = (rows * root).reshape(len(rows), white.size).T
-    test = regression_test(white, baseline, (columns * root).reshape(len(columns), white.size).T)
+    test = regression.test(columns)
     return test.p_value, test.share
+
+
+def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
+    """Words, p-value and share for gaps of the joints, by the sides from which they came; the joint that shows most.
+
+    Conditional on periodic errors of the joints. Sides are those that are recorded, else those of the last moves
+    between samples. Lengths between two poses have none.
+    """
+    chain = model.chain
+    nothing = (SIDE, 1.0, 0.0)
+    if chain.poses_per_sample > 1:
+        return nothing
+    regression = _Regression.of(model, parameters, residual)
+    moved, sides = _joint_rows(regression.model, parameters), _sides(regression.model.chain.state)
+    columns = moved * sides[:, None]
+    numbers = np.flatnonzero(np.abs(columns).max((1, 2)) > 0)
+    degrees = regression.residual.size - len(regression.rows)
+    if not len(numbers) or 4 * len(numbers) > degrees:
+        return nothing
+    # poses in the order of a grid come from one side where an angle is small: periodic errors are no gap
+    waves = _joint_error_columns(regression.model, parameters, degrees)
+    if waves is not None:
+        regression = replace(regression, rows=np.concatenate([regression.rows, waves]))
+    test = regression.test(columns[numbers])
+    single = [regression.test(columns[[number]]).f for number in numbers]
+    joint = numbers[int(np.argmax(single))] + 1
+    return SIDE.format(joint), test.p_value, test.share
+
+
+def _sides(state) -> np.ndarray:
+    """(J, n) -1, 0 or 1: side from which each joint came; 0 where it hardly changes."""
+    sides = []
+    for joint in range(1, state.robot.joints + 1):
+        names = (f"approach{joint}", last_side(joint))
+        known = [state.covariates[name] for name in names if name in state.covariates]
+        side = known[0] if known else np.zeros(state.n)
+        is_changing = reversals(side, clock(state)) >= _LEAST_REVERSALS
+        sides.append(side if is_changing else np.zeros(state.n))
+    return np.array(sides)
+
+
+def _joint_rows(model: Model, parameters: Parameters) -> np.ndarray:
+    """(J, m, n) derivative of the residual by the joint variables."""
+    chain = model.chain
+    evaluation = chain.evaluate(parameters.values[: len(chain.parameters)], {})
+    return evaluation.rows("joint", np.arange(len(chain.variables)))
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """Residual (m, n) and rows (P, m, n) of the fitted parameters, of some samples of a model."""
+
+    model: Model
+    residual: np.ndarray
+    rows: np.ndarray
+    root: np.ndarray
+
+    @classmethod
+    def of(cls, model: Model, parameters: Parameters, residual: np.ndarray) -> "_Regression":
+        """Of at most `_MOST_SAMPLES` samples."""
+        n = residual.shape[1]
+        chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
+        part = model.at(chosen)
+        _, rows = part.linearise(parameters)
+        return cls(part, residual[:, chosen], rows, 1 / part.sigma(parameters))
+
+    def test(self, columns: np.ndarray):
+        """Test of columns (C, m, n) conditional on the fitted parameters."""
+        white = (self.residual * self.root).ravel()
+        baseline = (self.rows * self.root).reshape(len(self.rows), white.size).T
+        tested = (columns * self.root).reshape(len(columns), white.size).T
+        return regression_test(white, baseline, tested)
 
 
 def _joint_error_columns(model: Model, parameters: Parameters, degrees: int) -> np.ndarray | None:
     """(P, m, n) derivative for joint errors that are periodic in any joint angle; None where degrees do not suffice."""
     chain = model.chain
     joints = len(chain.variables)
-    evaluation = chain.evaluate(parameters.values[: len(chain.parameters)], {})
-    rows = evaluation.rows("joint", np.arange(joints))
+    rows = _joint_rows(model, parameters)
     waves = _waves(chain)
     if 2 * joints * joints * 2 <= degrees / 4:
         pairs = [(k, wave) for k in range(joints) for wave in waves.reshape(-1, waves.shape[-1])]

@@ -1,9 +1,10 @@
-"""A sudden shift midway through a recording: base, instrument, artefact, tool or the zero of a joint has moved.
+"""A sudden shift midway through a recording: base, instrument, artefact, tool or the zero of a joint has moved, or the
+load of the tool has changed.
 
 For every row k the parameters of a motion from row k on, six of base or tool or one of a joint, are added to the
-linearised fit. The reduction of the sum of squares is the score statistic of a change point (Csorgo & Horvath, Limit
-Theorems in Change-Point Analysis, 1997, ch. 3). Parameters of the fit are projected out, so that what the geometry
-absorbs is no evidence.
+linearised fit; of a load the deflection of each joint under it. The reduction of the sum of squares is the score
+statistic of a change point (Csorgo & Horvath, Limit Theorems in Change-Point Analysis, 1997, ch. 3). Parameters of the
+fit are projected out, so that what the geometry absorbs is no evidence.
 """
 
 from collections.abc import Mapping
@@ -24,11 +25,19 @@ from workbench.fitting.plausibility.fitting import (
     row_mismatch,
     tool_patterns,
 )
+from workbench.fitting.plausibility.rows.load_deflection import (
+    CENTRE_MM,
+    ROUNDS,
+    LoadDeflection,
+    of_one_sign,
+)
 
 _LEAST_ROWS = 6
 _LEAST_GAIN = 2.0
 """Factor by which the RMS has to fall: smaller steps are a matter of the diagnosis, not of plausibility."""
-_SIMPLER = 1.2  # what a joint's zero, one number, may leave of what the six of base or tool leave
+_SIMPLER = 1.2
+"""Factor of the RMS that a joint's zero, one number, may leave of what the six of base or tool leave, and that an
+alternative may leave: errors of the arm that the fit does not contain make as much."""
 _EXTREME = 12.0
 _MOST_ROWS = 3000
 _WORDS = {
@@ -45,10 +54,15 @@ _WORDS = {
 }
 
 
+LOAD = "load"
+_CHANGED = "the load of the tool"
+
+
 @dataclass(frozen=True)
 class ChangePoint:
     """`moved_object` moved between samples `before` and `after`; `gain`: factor by which that lowers the RMS to `scale`
-    mm; `shift_mm`: RMS displacement of the measured points by the motion."""
+    mm; `shift_mm`: RMS displacement of the measured points by the motion. `others`: objects whose motion explains the
+    misfit about as well, the best first."""
 
     moved_object: str
     before: int
@@ -56,6 +70,12 @@ class ChangePoint:
     gain: float
     scale: float
     shift_mm: float
+    others: tuple[str, ...] = ()
+
+    @property
+    def is_load(self) -> bool:
+        """Whether the load of the tool has changed, and nothing has moved."""
+        return self.moved_object == _CHANGED
 
 
 def find_change_point(robot, recording, fit) -> ChangePoint | None:
@@ -70,11 +90,14 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
         return None
     ordered = recording.select(order)
     system = _System(robot, ordered, fit)
+    if len(system.load):
+        system.estimate_centre()
     joints = [f"joint-{number}" for number in range(1, robot.joints + 1)]
-    places = [place for place in ("base", "tool", *joints) if system.columns(place).any()]
+    places = [place for place in ("base", "tool", LOAD, *joints) if len(system.rows_of(place))]
     scans = {place: _scan(system, place) for place in places}
     unexplained = {place: system.squares - explained for place, (_, explained) in scans.items()}
     place = _likeliest(unexplained, _SIMPLER**2)
+    others = _as_likely(unexplained, place, recording.measures)
     k, explained = scans[place]
     unexplained = max(unexplained[place], 1e-12)
     gain = float(np.sqrt(system.squares / unexplained))
@@ -83,7 +106,15 @@ def find_change_point(robot, recording, fit) -> ChangePoint | None:
     moved_object = _moved_object(place, recording.measures)
     before, after = _neighbours(recording, order, k)
     scale = np.sqrt(unexplained / ordered.n)
-    return ChangePoint(moved_object, before, after, gain, scale, system.shift(place, k))
+    return ChangePoint(moved_object, before, after, gain, scale, system.shift(place, k), others)
+
+
+def _as_likely(unexplained: Mapping[str, float], chosen: str, measures: str) -> tuple[str, ...]:
+    """Objects at base, tool and load that leave hardly more than the chosen one, the best first."""
+    limit = _SIMPLER**2 * max(unexplained[chosen], 1e-12)
+    places = [p for p in ("base", "tool", LOAD) if p in unexplained and p != chosen]
+    likely = [place for place in places if unexplained[place] <= limit]
+    return tuple(_moved_object(p, measures) for p in sorted(likely, key=unexplained.get))
 
 
 def _neighbours(recording, order, k: int) -> tuple[int, int]:
@@ -113,6 +144,8 @@ def _likeliest(unexplained: Mapping[str, float], allowed: float) -> str:
 
 def _moved_object(place: str, measures: str) -> str:
     """Object that has moved at a place, as the subject of a sentence."""
+    if place == LOAD:
+        return _CHANGED
     if place.startswith("joint-"):
         return f"the zero of {place.replace('-', ' ')} (lost counts, a slipped belt)"
     return _WORDS[place].get(measures, _WORDS[place][""])
@@ -151,6 +184,12 @@ class _System:
         scaled = matrix * np.outer(size, size) + 1e-9 * np.eye(len(size))
         self.inverse = pseudo_inverse(scaled, 1e-9) * np.outer(size, size)
         gradient = flat @ self.residual.ravel()
+        self.is_usable = is_usable
+        self.deflection = LoadDeflection.of(model, parameters, lever)
+        self.load = self._load_at(np.zeros(3))
+        if np.ptp(model.chain.state.payload) > 0:  # the change of load is recorded
+            self.load = self.load[:0]
+        self.pose = recording.poses
         self.projected = self.residual - np.tensordot(self.inverse @ gradient, self.rows, 1)
         self.squares = float((self.projected**2).sum())
         self.n = residual.shape[1]
@@ -162,9 +201,41 @@ class _System:
         wanted = ("base.",) if place == "base" else ("tool.", "sensor.")
         return np.array([key.startswith(wanted) for key in self.keys], bool)
 
+    def rows_of(self, place) -> np.ndarray:
+        """(P, m, n) derivative of the residual by the motion of a place, or by the deflections under a load."""
+        return self.load if place == LOAD else self.rows[self.columns(place)]
+
+    def _load_at(self, centre) -> np.ndarray:
+        return np.where(self.is_usable, self.deflection.rows(centre), 0.0)
+
+    def estimate_centre(self) -> None:
+        """Give the load the centre at which it explains most, from its likeliest instant on."""
+        centre = np.zeros(3)
+        for _ in range(ROUNDS):
+            k, explained = _scan(self, LOAD)
+            products = self.reductions(LOAD, [k])[0][0]
+            if not products.any():
+                return
+            is_after = self.is_usable & (np.arange(self.n) >= k)
+            columns = np.where(is_after, self.deflection.rows_by_centre(products), 0.0)
+            columns = np.stack([self.without_baseline(column).ravel() for column in columns], 1)
+            deflected = np.where(is_after, np.tensordot(products, self.load, 1), 0.0)
+            remainder = self.projected - self.without_baseline(deflected)
+            noise = np.sqrt(max(self.squares - explained, 1e-12) / self.residual.size)
+            prior = noise / CENTRE_MM
+            matrix = np.vstack([columns, prior * np.eye(3)])
+            right = np.concatenate([remainder.ravel(), -prior * centre])
+            centre = centre + np.linalg.lstsq(matrix, right, rcond=None)[0]
+            self.load = self._load_at(centre)
+
+    def without_baseline(self, values) -> np.ndarray:
+        """(m, n) values less what the parameters of the fit make of them."""
+        shared = self.rows.reshape(len(self.rows), -1) @ values.ravel()
+        return values - np.tensordot(self.inverse @ shared, self.rows, 1)
+
     def reductions(self, place, splits):
         """(K, P) motions from each of K splits on, and the reductions (K,) of the sum of squares by them."""
-        rows_of_place = self.rows[self.columns(place)]
+        rows_of_place = self.rows_of(place)
         later = {
             "own": np.einsum("amn,bmn->nab", rows_of_place, rows_of_place),
             "cross": np.einsum("amn,fmn->naf", rows_of_place, self.rows),
@@ -177,19 +248,37 @@ class _System:
         size = np.sqrt(np.maximum(np.einsum("kaa->ka", sums["own"]), 1e-12))
         matrix = matrix / (size[:, :, None] * size[:, None, :]) + 1e-7 * np.eye(len(rows_of_place))
         gradient = sums["gradient"] / size
-        motion = np.linalg.solve(matrix, gradient[..., None])[..., 0]
+        if place == LOAD:
+            motion = np.stack([of_one_sign(*part) for part in zip(matrix, gradient)])
+        else:
+            motion = np.linalg.solve(matrix, gradient[..., None])[..., 0]
         return motion / size, (motion * gradient).sum(1)
+
+    def splits(self, place) -> np.ndarray:
+        """(K,) rows from which on a place may have moved.
+
+        A load changes with `_LEAST_ROWS` poses before and after it: several targets at one pose show one deflection.
+        """
+        rows = np.arange(_LEAST_ROWS, self.n - _LEAST_ROWS + 1)
+        if place != LOAD:
+            return rows
+        begins = np.concatenate([[True], self.pose[1:] != self.pose[:-1]])
+        count = np.cumsum(begins)
+        is_within = (count[rows - 1] >= _LEAST_ROWS) & (count[-1] - count[rows - 1] >= _LEAST_ROWS)
+        return rows[is_within & begins[rows]]
 
     def shift(self, place, k):
         """RMS displacement in mm of the points of the rows from k on."""
         motion, _ = self.reductions(place, [k])
-        moved = np.tensordot(motion[0], self.rows[self.columns(place)][:, :POSITION, k:], 1)
+        moved = np.tensordot(motion[0], self.rows_of(place)[:, :POSITION, k:], 1)
         return float(np.sqrt((moved**2).sum(0).mean()))
 
 
 def _scan(system, place):
     """The split with the largest reduction of the sum of squares, and that reduction."""
-    splits = np.arange(_LEAST_ROWS, system.n - _LEAST_ROWS + 1)
+    splits = system.splits(place)
+    if not len(splits):
+        return _LEAST_ROWS, 0.0
     _, reductions = system.reductions(place, splits)
     reductions = np.where(np.isfinite(reductions), reductions, 0.0)
     best = int(np.argmax(reductions))
