@@ -101,7 +101,8 @@ def waves_of_common_order(problem: Problem, table: Sequence[Hypothesis]) -> list
     if len(scans) < 2:
         return []
     projected = Projected(problem)
-    scores = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    moments = [scan_moments(projected, scan) for scan in scans]
+    scores = projected.score_groups(moments)
     order, log_odds = _most_probable_order(scans, scores)
     rows = [_row(scan, s, known[scan.family], order) for scan, s in zip(scans, scores)]
     waves = [h for h in rows if h is not None and h.evidence > 0]
@@ -116,22 +117,28 @@ def common_order_p_value(problem: Problem) -> float:
     if len(scans) < 2:
         return 1.0
     projected = Projected(problem)
-    scores = projected.score_groups([scan_moments(projected, scan) for scan in scans])
+    moments = [scan_moments(projected, scan) for scan in scans]
+    scores = projected.score_groups(moments)
     order = _most_probable_order(scans, scores)[0]
     columns = [s.columns_at(problem, order) for s in scans if order in s.options]
     joined = np.concatenate(columns, 1)
-    p = float(projected.score_hypotheses(projected.column_moments(joined[None])).p[0])
-    orders = {float(option) for scan in scans for option in scan.options}
-    return min(1.0, p * len(orders))
+    moments = projected.column_moments(joined[None])
+    scores_of_all = projected.score_hypotheses(moments)
+    options = np.concatenate([scan.options for scan in scans])
+    count = len(np.unique(options))
+    p = float(scores_of_all.p[0])
+    return min(1.0, p * count)
 
 
 def _most_probable_order(scans: Sequence[Scan], scores: Sequence[Scores]) -> tuple[float, float]:
     """The order with the highest posterior odds at all joints together, and the log of these without its prior."""
     total: dict[float, float] = {}
     for scan, of_joint in zip(scans, scores):
-        log_odds = np.logaddexp(0.0, of_joint.evidence) - np.log(2)
-        for option, value in zip(scan.options, log_odds):
-            total[float(option)] = total.get(float(option), 0.0) + float(value)
+        log_odds = np.logaddexp(0.0, of_joint.evidence)
+        log_odds -= np.log(2)
+        for option, value in zip(scan.options.tolist(), log_odds):
+            present = total.get(option, 0.0)
+            total[option] = present + float(value)
     order = max(total, key=total.get)
     return order, total[order]
 

@@ -19,10 +19,12 @@ from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
 ORDER, JOINTS = "the order of the samples", "the joint angles"
-SIDE = "the side from which joint {} came"
+SIDE = "the side from which {} came"
 _LEVEL = 0.001
 _MOST_SAMPLES = 1500
 _LEAST_POSES = 12
+_CONFOUNDED = 0.9
+"""Share of the F statistic of the best joint from which on another joint is named next to it."""
 _LEAST_REVERSALS = 4
 """Of a joint, from which on its side is no step in the course of the recording."""
 
@@ -162,7 +164,7 @@ def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray)
 
 
 def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
-    """Words, p-value and share for gaps of the joints, by the sides from which they came; the joint that shows most.
+    """Words, p-value and share for gaps of the joints, by the sides from which they came.
 
     Conditional on periodic errors of the joints. Sides are those that are recorded, else those of the last moves
     between samples. Lengths between two poses have none.
@@ -172,7 +174,8 @@ def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
     if chain.poses_per_sample > 1:
         return nothing
     regression = _Regression.of(model, parameters, residual)
-    moved, sides = _joint_rows(regression.model, parameters), _sides(regression.model.chain.state)
+    moved = _joint_rows(regression.model, parameters)
+    sides = _sides(regression.model.chain.state)
     columns = moved * sides[:, None]
     numbers = np.flatnonzero(np.abs(columns).max((1, 2)) > 0)
     degrees = regression.residual.size - len(regression.rows)
@@ -183,9 +186,21 @@ def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
     if waves is not None:
         regression = replace(regression, rows=np.concatenate([regression.rows, waves]))
     test = regression.test(columns[numbers])
-    single = [regression.test(columns[[number]]).f for number in numbers]
-    joint = numbers[int(np.argmax(single))] + 1
-    return SIDE.format(joint), test.p_value, test.share
+    names = _joints_of_sides(regression, columns, numbers)
+    return SIDE.format(names), test.p_value, test.share
+
+
+def _joints_of_sides(regression: "_Regression", columns: np.ndarray, numbers: np.ndarray) -> str:
+    """The joint whose side alone explains most, and those whose sides explain nearly as much.
+
+    Joints with parallel axes that move together come from their sides together.
+    """
+    ratios = np.array([regression.test(columns[[number]]).f for number in numbers])
+    is_likely = ratios >= _CONFOUNDED * ratios.max()
+    likely = numbers[is_likely]
+    best_first = likely[np.argsort(-ratios[is_likely])]
+    words = [f"joint {number + 1}" for number in best_first]
+    return " or ".join(words)
 
 
 def _sides(state) -> np.ndarray:

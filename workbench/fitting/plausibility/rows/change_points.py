@@ -217,11 +217,15 @@ class _System:
             if not products.any():
                 return
             is_after = self.is_usable & (np.arange(self.n) >= k)
-            columns = np.where(is_after, self.deflection.rows_by_centre(products), 0.0)
-            columns = np.stack([self.without_baseline(column).ravel() for column in columns], 1)
-            deflected = np.where(is_after, np.tensordot(products, self.load, 1), 0.0)
+            by_centre = self.deflection.rows_by_centre(products)
+            moved = np.where(is_after, by_centre, 0.0)
+            projected = [self.without_baseline(column) for column in moved]
+            columns = np.reshape(projected, (3, -1)).T
+            by_load = np.tensordot(products, self.load, 1)
+            deflected = np.where(is_after, by_load, 0.0)
             remainder = self.projected - self.without_baseline(deflected)
-            noise = np.sqrt(max(self.squares - explained, 1e-12) / self.residual.size)
+            unexplained = max(self.squares - explained, 1e-12)
+            noise = np.sqrt(unexplained / self.residual.size)
             prior = noise / CENTRE_MM
             matrix = np.vstack([columns, prior * np.eye(3)])
             right = np.concatenate([remainder.ravel(), -prior * centre])
@@ -262,9 +266,12 @@ class _System:
         rows = np.arange(_LEAST_ROWS, self.n - _LEAST_ROWS + 1)
         if place != LOAD:
             return rows
-        begins = np.concatenate([[True], self.pose[1:] != self.pose[:-1]])
+        is_new = self.pose[1:] != self.pose[:-1]
+        begins = np.concatenate([[True], is_new])
         count = np.cumsum(begins)
-        is_within = (count[rows - 1] >= _LEAST_ROWS) & (count[-1] - count[rows - 1] >= _LEAST_ROWS)
+        before = count[rows - 1]
+        after = count[-1] - before
+        is_within = np.minimum(before, after) >= _LEAST_ROWS
         return rows[is_within & begins[rows]]
 
     def shift(self, place, k):
