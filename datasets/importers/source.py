@@ -1,6 +1,6 @@
 """Result of every importer: tables, images, clouds and a board, as in their files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,7 +19,8 @@ class RawTable:
     format states, by the first column of the rotation. `default_units`: unit of a quantity ("length", "angle")
     that the file states for all its columns. `frame_question`: why its poses are not known to be those of the flange.
     `folder`: where the file lies, None where it was not read from one. `time_name`: the column that a mapping names
-    as the time; "" where the headers decide.
+    as the time; "" where the headers decide. `sheet`: title of the sheet of a workbook. `prefix`: as `stem`, where
+    another table has the same.
     """
 
     file: str
@@ -32,6 +33,8 @@ class RawTable:
     frame_question: str = ""
     folder: Path | None = None
     time_name: str = ""
+    sheet: str = ""
+    prefix: str = ""
 
     @property
     def n(self) -> int:
@@ -40,13 +43,13 @@ class RawTable:
 
     @property
     def stem(self) -> str:
-        """Name of the file without extension; prefix of columns whose names clash.
+        """Name of the file without folder and extension; prefix of columns whose names clash."""
+        return self.prefix or Path(self.file).stem
 
-        Without folder, unless `file` begins with it because another table has the same name.
-        """
-        stem = Path(self.file).stem
-        is_in_name = self.folder is not None and self.file.startswith(f"{self.folder.name}/")
-        return f"{self.folder.name}/{stem}" if is_in_name else stem
+    @property
+    def place(self) -> str:
+        """Name of the folder; "" for the current one."""
+        return "" if self.folder is None else self.folder.name
 
     def numbers(self, name: str) -> np.ndarray:
         """(n,) float64 cells of a column.
@@ -101,3 +104,33 @@ class Source:
             other.camera if self.camera is None else self.camera,
             self.warnings + other.warnings,
         )
+
+
+def with_distinct_stems(tables: Sequence[RawTable]) -> list[RawTable]:
+    """Tables that are joined; folder or sheet, else a number, distinguishes those of the same stem.
+
+    With the folder, messages name the file by it, too.
+    """
+    made = list(tables)
+    by_stem: dict[str, list[int]] = {}
+    for k, table in enumerate(tables):
+        by_stem.setdefault(table.stem, []).append(k)
+    for places in by_stem.values():
+        if len(places) > 1:
+            for k, table in zip(places, _distinct([tables[k] for k in places])):
+                made[k] = table
+    return made
+
+
+def _distinct(tables: Sequence[RawTable]) -> list[RawTable]:
+    """Tables of the same stem with prefixes that differ."""
+    folders = ["/".join(filter(None, (table.place, table.stem))) for table in tables]
+    if len(set(folders)) == len(tables):
+        return [
+            replace(table, prefix=prefix, file="/".join(filter(None, (table.place, table.file))))
+            for table, prefix in zip(tables, folders)
+        ]
+    sheets = [f"{table.stem} {table.sheet}" for table in tables]
+    if len(set(sheets)) < len(tables):
+        sheets = [f"{table.stem} {number}" for number, table in enumerate(tables, 1)]
+    return [replace(table, prefix=prefix) for table, prefix in zip(tables, sheets)]

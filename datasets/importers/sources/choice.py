@@ -67,20 +67,7 @@ def read_sources(paths: Sequence[Path], scratch: Path) -> Source:
             "nothing that any reader takes",
             "name the data files",
         )
-    return replace(found, tables=_with_own_files(found.tables))
-
-
-def _with_own_files(tables: Sequence[RawTable]) -> tuple[RawTable, ...]:
-    """The tables, with the folder in front of the names of files that files of other folders have as well."""
-    folders: dict[str, set[Path | None]] = {}
-    for table in tables:
-        folders.setdefault(table.file, set()).add(table.folder)
-    return tuple(
-        replace(table, file=f"{table.folder.name}/{table.file}")
-        if table.folder is not None and len(folders[table.file]) > 1
-        else table
-        for table in tables
-    )
+    return found
 
 
 def _read(path: Path, scratch: Path) -> Source:

@@ -84,6 +84,7 @@ def _sheet_table(path: Path, sheet) -> RawTable | None:
         units=stated,
         default_units={"length": unit} if unit else {},
         warnings=_without_numbers(called, skipped),
+        sheet=sheet.title,
     )
 
 

@@ -14,7 +14,7 @@ from datasets.importers.mapping.joined_tables.time_units import with_time_units
 from datasets.importers.mapping.left_out import left_out_sentences
 from datasets.importers.mapping.model import OF_PROGRAMS, QUANTITIES, Join, Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
-from datasets.importers.source import RawTable, Source
+from datasets.importers.source import RawTable, Source, with_distinct_stems
 from datasets.importers.sources import read_sources
 from workbench.recordings.importing.board_images.image_sessions import joined_image_sessions
 from workbench.recordings.importing.sources.header_problems import header_error
@@ -91,8 +91,8 @@ def find_mapping(
         source = replace(source, tables=tuple(tables))
     options = replace(options, mapping=mapping)
     if is_plain and _may_be_target_poses(options):
-        pair = two_pose_sets(source.tables, mapping)
-        pair = pair or pose_and_centre(source.tables, mapping)
+        tables = with_distinct_stems(source.tables)
+        pair = two_pose_sets(tables, mapping) or pose_and_centre(tables, mapping)
         if pair is not None:
             return Found(source, *pair, (), (*warnings, *pair[0].warnings))
     if is_plain:
@@ -169,7 +169,7 @@ def _with_time(table: RawTable, mapping: Mapping) -> RawTable:
 
 def _joined(source: Source, tables: Sequence[RawTable], options) -> Found:
     """Tables joined to one, and its mapping. Raises InputError where nothing says which rows belong together."""
-    wanted = options.mapping.join
+    tables, wanted = with_distinct_stems(tables), options.mapping.join
     if wanted.by == APPEND:
         wanted = replace(wanted, by=None)
     if options.time_offset is not None:

@@ -8,7 +8,7 @@ from datasets.importers.mapping.joined_tables.joining import with_own_names
 from datasets.importers.mapping.left_out import unused_columns
 from datasets.importers.mapping.model import Mapping
 from datasets.importers.mapping.proposal import measures_of, propose
-from datasets.importers.source import RawTable
+from datasets.importers.source import RawTable, with_distinct_stems
 from datasets.importers.sources import read_sources
 
 
@@ -22,7 +22,7 @@ def propose_unjoined(paths: Sequence[Path], options, scratch: Path) -> tuple[Map
     if len(tables) < 2 or source.images or source.clouds:
         return None
     if len(tables) == 2:
-        tables = list(with_own_names(*tables))
+        tables = list(with_own_names(*with_distinct_stems(tables)))
     mapping = options.mapping
     for table in tables:
         proposed = propose(table, stated=options.mapping).mapping
