@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from robot_model.effects.elastic import FirstMoment
 from robot_model.stiffness import stiffness_rows
 from scenes import model_of, observed, scene
 from test_report import STIFFNESS
 from workbench.core.least_squares.solver import solve
 from workbench.core.model import Model
 from workbench.core.text.stiffness_text import CENTRE_HEAD, holds_for, stiffness_table
+from workbench.fitting.calibration_plans.missing_masses import wrong_mass_warnings
 from workbench.fitting.calibration_plans.plans import frames_of
 
 KEYS = ("joint-2.joint-compliance.compliance", "joint-4.joint-compliance.compliance")
@@ -83,3 +85,18 @@ def test_a_load_next_to_stated_masses_is_said_to_be_used():
     (row,) = stiffness_rows(model, free, {KEYS[0]: 1e-7})
     assert row.known_from == "recorded loads and stated masses"
     assert row.load_centre_mm == tuple(model.chain.state.load_centre)
+
+
+@pytest.mark.parametrize(("deviation", "count"), [(3.0, 0), (7.0, 1), (-7.0, 1)])
+def test_masses_that_the_loads_contradict_are_named(deviation, count):
+    made = scene("external-point", n=20)
+    terms = ("joint-compliance", "joint-2", {}), ("first-moment", "link-2", {})
+    parameters = model_of(made, *terms).parameters
+    key = "link-2.first-moment.mx"
+    size = FirstMoment.prior_size(made.robot)
+    moved = parameters.update({key: deviation * size})
+    warnings = wrong_mass_warnings(moved.only(np.isin(moved.keys, [key])), made.robot)
+    assert len(warnings) == count
+    assert all("differs by 7.0 prior standard deviations" in text for text in warnings)
+    massless = replace(made.robot, mass=0 * made.robot.mass)
+    assert not wrong_mass_warnings(moved.only(np.isin(moved.keys, [key])), massless)

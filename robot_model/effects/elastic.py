@@ -473,9 +473,13 @@ class FirstMoment(Effect):
 
     source = "first moments as in rigid-body identification: Atkeson, An & Hollerbach, Int. J. Robot. Res. 5 (1986)"
 
+    @staticmethod
+    def prior_size(robot) -> float:
+        """kg mm: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
+        return max(10.0 * float(robot.mass.sum()), 100.0)
+
     def table(self, chain):
-        """Prior: a tenth of the arm's mass times 100 mm, or 100 kg mm where masses are unknown."""
-        size = max(10.0 * chain.robot.mass.sum(), 100.0)
+        size = self.prior_size(chain.robot)
         return tuple(
             self.parameter(
                 f"m{axis}",

@@ -31,7 +31,10 @@ from workbench.files.results import StageResult, calibration_json, joint_stiffne
 from workbench.files.solution_file import name_of
 from workbench.files.term_sizes import term_sizes
 from workbench.fitting.ball_scans import checked_scans
-from workbench.fitting.calibration_plans.missing_masses import missing_mass_warnings
+from workbench.fitting.calibration_plans.missing_masses import (
+    missing_mass_warnings,
+    wrong_mass_warnings,
+)
 from workbench.fitting.calibration_plans.parallel_axes import parallelism_warnings
 from workbench.fitting.calibration_plans.plans import plan_of_recording, read_plan
 from workbench.fitting.checked_samples import CheckedSamples, check_samples, rows_to_fit
@@ -174,7 +177,11 @@ def calibrate(
             chosen = _chosen(Model(chain), split, choice_samples, stages, progress)
     _check_degrees_of_freedom(moving.name, chosen)
     calibration = _calibration(checked, chosen, split, progress)
-    warnings = *parallelism_warnings(stages, robot), *missing_mass_warnings(stages, chain.state)
+    warnings = (
+        *parallelism_warnings(stages, robot),
+        *missing_mass_warnings(stages, chain.state),
+        *wrong_mass_warnings(calibration.solution.parameters, robot),
+    )
     return replace(calibration, warnings=(*calibration.warnings, *warnings))
 
 
