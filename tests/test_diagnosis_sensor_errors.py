@@ -424,3 +424,11 @@ def test_few_balls_or_balls_on_a_line_have_no_error_after_alignment(count, scale
     said = ball_centres(bench, SimpleNamespace(balls={}), [term])
     assert said["error_rms_mm"] is None and said["moved_rms_mm"] > 0
     assert "too few balls" in _moved_balls(said)
+
+
+def test_points_beyond_the_lens_are_counted_among_the_warnings(bench):
+    """The camera model has no ray for them; their number and the remedy are stated."""
+    counted = sensor.SensorBench(replace(bench.chains, beyond_lens=7))
+    (warning,) = image_warnings(counted, ())
+    assert warning.startswith("7 points of laser lines are left out")
+    assert "show boards up to the edge of the image" in warning

@@ -1,5 +1,7 @@
 """Fisheye cameras: the model of Kannala and Brandt against OpenCV, its exact inverse, calibration and files."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from sensors.camera.model import Camera, camera_from_keys, camera_keys
 from sensors.hand_eye.start import board_poses
 from workbench.core.errors import InputError
 from workbench.files.exports.camera import CAMERA_FORMATS
+from workbench.jobs.sensor.chains import within_lens
 
 BOARD = Board("chessboard", 11, 8, 10.0)
 TRUE = Camera(420.0, 421.0, 640.0, 480.0, (0.03, -0.012, 0.004, -0.0008), (1280, 960))
@@ -127,3 +130,19 @@ def test_exports_name_the_equidistant_model(name):
     text = write(TRUE)
     assert "equidistant" in text
     assert np.allclose(read(yaml.safe_load(text)).values, TRUE.values)
+
+
+def test_pixels_beyond_a_distortion_that_turns_back_are_left_out_of_a_diagnosis():
+    """A polynomial that corners in the image's middle determine turns back farther out: no ray reaches beyond."""
+    distortion = [0.03, -2.0, 0.0, 0.0]
+    camera = Camera.of(np.array([600.0, 600.0, 320.0, 240.0, *distortion]), (640, 480))
+    radii = np.arange(0.0, 320.0, 4.0)
+    pixels = np.stack([320.0 + radii, np.full_like(radii, 240.0)])
+    is_reached = within_lens(camera, pixels)
+    has_ray = np.isfinite(camera.rays(pixels)).all(0)
+    assert is_reached[radii < 100].all()
+    assert not has_ray.all()
+    assert not is_reached[~has_ray].any()
+    last = np.flatnonzero(is_reached)[-1]
+    moved = replace(camera, fx=camera.fx / 1.01, fy=camera.fy / 1.01)
+    assert np.isfinite(moved.rays(pixels[:, : last + 1])).all()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sensors.ball.arcs import Arcs
-from sensors.ball.search import find_balls
+from sensors.ball.search import Refusal, find_balls
 from sensors.ball.single_stripe import undetermined
-from workbench.jobs.sensor.missing_balls import seen_instead
+from workbench.jobs.sensor.missing_balls import nearest_candidates, seen_instead
 
 RADIUS, CENTRE = 15.0, np.array([2.0, -3.0, 200.0])
 
@@ -134,3 +134,21 @@ def test_a_bias_of_the_line_on_a_curved_surface_does_not_refuse_a_ball_whose_lin
     (found,) = find_balls(points, RADIUS, free=True, stripe=stripe, widths=widths)
     assert np.linalg.norm(found.centre - CENTRE) < 0.1
     assert undetermined(found, with_form=False) == "" and undetermined(found) != ""
+
+
+def test_the_nearest_candidates_are_those_that_a_ball_fits():
+    """A table has many candidates with more points, which a plane fits as well."""
+    table = [
+        Refusal(
+            np.array([0.0, 20.0 * k, 400.0]), RADIUS, 200 + k, "a plane fits the points as well"
+        )
+        for k in range(6)
+    ]
+    ball = Refusal(np.zeros(3), RADIUS, 60, "its few stripes determine its centre to 0.2 mm", True)
+    assert nearest_candidates([*table, ball], 1) == [ball]
+    assert nearest_candidates([*table, ball], 2) == [ball, table[-1]]
+    assert nearest_candidates(table, 0) == [table[-1]]
+    points = np.array([[0.0, 1.0], [0.0, 0.0], [400.0, 401.0]])
+    said = seen_instead(points, np.zeros(2), [*table, ball])
+    assert "its few stripes determine its centre" in said
+    assert said.count("is refused") == 1

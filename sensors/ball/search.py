@@ -151,12 +151,21 @@ def _range(points, known, radius_range):
 
 @dataclass(frozen=True)
 class Refusal:
-    """A candidate that is no ball: `centre` (3,) and `radius` mm, number of points near its surface, and `why`."""
+    """A candidate that is no ball: `centre` (3,) and `radius` mm, number of points near its surface, and `why`.
+
+    `is_fitted`: a ball fits its points, and fails another requirement.
+    """
 
     centre: np.ndarray
     radius: float
     points: int
     why: str
+    is_fitted: bool = False
+
+    @classmethod
+    def of_fit(cls, fit: BallFit, why: str) -> "Refusal":
+        """A ball that is refused after its fit."""
+        return cls(fit.centre, fit.radius, int(fit.inliers.sum()), why, True)
 
     @property
     def sentence(self) -> str:
@@ -305,10 +314,10 @@ class _Search:
         )
         fit = balls[choice.number]
         if why := choice.why or undetermined(fit, with_form=False) or self._filled(fit):
-            return self._refuse(fit.centre, fit.radius, len(place), why)
+            return self._refuse(fit.centre, fit.radius, len(place), why, True)
         test = self._unlike_spheres(fit, place)
         if test.why:
-            return self._refuse(fit.centre, fit.radius, len(place), test.why)
+            return self._refuse(fit.centre, fit.radius, len(place), test.why, True)
         return fit.with_radius_note(test.warning)
 
     def _unlike_spheres(self, fit, place) -> RadiusTest:
@@ -350,7 +359,9 @@ class _Search:
             )
             if not why or incidence is None:
                 break
-        return fit if not why else self._refuse(centre, radius, points.shape[1], why)
+        if not why:
+            return fit
+        return self._refuse(centre, radius, points.shape[1], why, bool(fit))
 
     def unlike_few(self, fit, radius) -> str:
         """Why a fit to points of one or few light planes is no ball of a known radius, "" for others."""
@@ -368,8 +379,8 @@ class _Search:
             return ""
         return "its points lie on a single stripe, which many balls share"
 
-    def _refuse(self, centre, radius, points, why) -> None:
-        self.refused.append(Refusal(centre, radius, points, why))
+    def _refuse(self, centre, radius, points, why, is_fitted=False) -> None:
+        self.refused.append(Refusal(centre, radius, points, why, is_fitted))
 
     def fine(self, rough, radius, unassigned, incidence=None) -> BallFit:
         """Fit to all points near the rough ball; a result that speaks of the whole cloud. incidence: rad, of the points

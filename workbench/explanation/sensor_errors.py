@@ -377,6 +377,11 @@ def image_warnings(bench, terms: Sequence[Term]) -> tuple[str, ...]:
             "replace the board. Corners that contradict all others are left out of this diagnosis."
         )
     warnings += [line_doubt.sentence for line_doubt in chains.line_doubts]
+    if chains.beyond_lens:
+        warnings.append(
+            f"{chains.beyond_lens} points of laser lines are left out: they lie beyond the angles that the camera "
+            "model reaches, which the corners of the boards determine; show boards up to the edge of the image"
+        )
     focal = "" if bench.focal is not None else random_focal_error(bench, terms)
     return (*warnings, focal) if focal else tuple(warnings)
 

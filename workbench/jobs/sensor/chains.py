@@ -45,6 +45,7 @@ _MIN_ROTATION = 1e-6  # rad
 _ODD = 0.05  # of one, by which a mirror's turn may differ from the commanded one
 _ROUNDS = 4  # each leaves the square of what the last one missed by
 _FARTHEST = 20.0  # px that one round moves a stripe
+_LENS_MARGIN = 1.02  # of the distance from the principal point
 Progress = Callable[[str], None]
 
 
@@ -56,7 +57,8 @@ class Chains:
     commanded is no angle of the mirror, whose turn a command is then unknown. `placements`, `scans` names; `lines` of
     the board that the calibration of the camera found displaced; `dependence` of stripe centres on the width and
     brightness of the line, None where these are unknown; `line_doubts`: what is in doubt about that line;
-    `second_line` next to it where its profile is asymmetric, else None; `rejected` points of it.
+    `second_line` next to it where its profile is asymmetric, else None; `rejected` points of it; `beyond_lens` number
+    of stripe points left out because the camera model does not reach them, see `within_lens`.
     """
 
     corners: Corners
@@ -70,6 +72,7 @@ class Chains:
     line_doubts: tuple[LineDoubt, ...] = ()
     second_line: SecondLine | None = None
     rejected: RejectedPoints | None = None
+    beyond_lens: int = 0
 
     @property
     def parts(self) -> dict[str, Corners | BoardStripeChain | Balls]:
@@ -119,6 +122,8 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
         board_stripes, _commanded(stripes, calibration.scanner.steps)
     )
     balls, scans = balls_of(recording, calibration, board_stripes, size, progress)
+    is_reached = within_lens(board_stripes.camera, board_stripes.pixels)
+    board_stripes = board_stripes.at(is_reached)
     depends = calibration.dependence is not None and calibration.dependence.is_relevant
     board_stripes, balls = with_line_covariates(board_stripes, balls, depends)
     chains = Chains(
@@ -135,8 +140,20 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
             line_doubts=tuple(line_doubts(calibration, shape)),
             second_line=second_line(all_profiles) if is_asymmetric else None,
             rejected=calibration.rejected,
+            beyond_lens=int((~is_reached).sum()),
         )
     )
+
+
+def within_lens(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """(n,) whether the camera model gives rays for pixels (2, n) and for those farther from its principal point.
+
+    A distortion polynomial turns back beyond the corners of boards that determined it; there it has no ray. The margin
+    is 2 % of the distance from it: a solve that moves the camera a little keeps the ray.
+    """
+    middle = camera.matrix[:2, 2:]
+    outer = middle + _LENS_MARGIN * (pixels - middle)
+    return np.isfinite(camera.rays(pixels)).all(0) & np.isfinite(camera.rays(outer)).all(0)
 
 
 def with_line_covariates(board_stripes: BoardStripeChain, balls: Balls | None, depends: bool):

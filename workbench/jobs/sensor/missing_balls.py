@@ -5,10 +5,20 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from datasets.recording import Recording
+from sensors.ball.result import BallFit
 from sensors.ball.search import Refusal
-from sensors.ball.single_stripe import NOT_DISTINGUISHED
+from sensors.ball.single_stripe import FEW_STRIPES, NOT_DISTINGUISHED, undetermined
 from sensors.scanner.model import Scanner
 from workbench.files.images.ball_names import by_sample
+
+
+def nearest_candidates(refused: Sequence[Refusal], missing: int) -> list[Refusal]:
+    """The refused candidates that are nearest to the balls that are `missing`, at least one.
+
+    Those that a ball fits come first, and then those with most points: a floor or a table has many.
+    """
+    ordered = sorted(refused, key=lambda refusal: (not refusal.is_fitted, -refusal.points))
+    return ordered[: max(missing, 1)]
 
 
 def missing_balls(
@@ -24,7 +34,7 @@ def missing_balls(
 
 
 def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
-    """Contents of a scan without a ball: its points, and the candidate that has most points near its surface."""
+    """Contents of a scan without a ball: its points, and the nearest of the refused candidates."""
     if not points.shape[1]:
         return ""
     low, high = np.quantile(points[2], [0.02, 0.98])
@@ -34,8 +44,7 @@ def seen_instead(points, steps, refused: Sequence[Refusal]) -> str:
     )
     if not refused:
         return f"{seen}, and no surface that curves like a ball"
-    nearest = max(refused, key=lambda refusal: refusal.points)
-    return f"{seen}; the nearest candidate, {nearest.sentence}"
+    return f"{seen}; the nearest candidate, {nearest_candidates(refused, 1)[0].sentence}"
 
 
 def perhaps_cut(at_limit) -> str:
@@ -62,3 +71,12 @@ def line_width_missing(scanner: Scanner, refused: Sequence[Refusal]) -> str:
         "the scanner does not state how wide the laser line is (its file was written by an earlier version), so that "
         "no ball is found on a single stripe: calibrate it again with `workbench scanner`"
     )
+
+
+def undetermined_few(fit: BallFit, stripe: np.ndarray) -> str:
+    """Why a ball on one or few of the stripes (k,) of its points does not count as found, "" for others."""
+    is_known = fit.free is not None or fit.covariance[3, 3] == 0
+    if len(fit.reason) != len(stripe) or not is_known:
+        return ""
+    has_few = len(np.unique(stripe[fit.inliers])) <= FEW_STRIPES
+    return undetermined(fit) if has_few else ""

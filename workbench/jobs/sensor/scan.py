@@ -14,7 +14,6 @@ from sensors.acceptance import Characteristic, Probed, acceptance
 from sensors.ball.fit import fit_ball, with_radius_variance
 from sensors.ball.result import INCIDENCE, MISSING, NOT_ON_BALL, BallFit
 from sensors.ball.search import Refusal, find_balls
-from sensors.ball.single_stripe import FEW_STRIPES, undetermined
 from sensors.boards.detection import Rejected
 from sensors.images import flaw, read, stacks, unlit
 from sensors.scanner.cloud import Cloud
@@ -36,8 +35,10 @@ from workbench.jobs.sensor.joined_scans import Motions, motions_of
 from workbench.jobs.sensor.missing_balls import (
     line_width_missing,
     missing_balls,
+    nearest_candidates,
     perhaps_cut,
     seen_instead,
+    undetermined_few,
 )
 from workbench.machine.progress import paced
 
@@ -333,15 +334,17 @@ class _Work:
             ball = self._ball(
                 cloud.subset(on_ball), columns_of_ball, free, number, shape[:, on_ball]
             )
-            if why := _undetermined(ball.fit, cloud.stripe[on_ball]):
-                count = int(ball.fit.inliers.sum())
-                refused.append(Refusal(ball.fit.centre, ball.fit.radius, count, why))
+            if why := undetermined_few(ball.fit, cloud.stripe[on_ball]):
+                refused.append(Refusal.of_fit(ball.fit, why))
             else:
                 fitted_balls.append(ball)
-        refused = sorted(refused, key=lambda refusal: -refusal.points)[:_MOST_REFUSED]
+        missing = self._expected(rows[0]) - len(fitted_balls) if radii else _MOST_REFUSED
+        refused = nearest_candidates(refused, min(missing, _MOST_REFUSED))
         if not fitted_balls:
-            cut = perhaps_cut(columns["at_limit"])
-            outcomes = (seen_instead(points, cloud.stripe, refused), cut)
+            outcomes = (
+                seen_instead(points, cloud.stripe, refused),
+                perhaps_cut(columns["at_limit"]),
+            )
         else:
             outcomes = (missing_balls(self.recording, rows[0], len(fitted_balls), refused),)
         if radii and len(fitted_balls) < self._expected(rows[0]) and cloud.motion is None:
@@ -465,15 +468,6 @@ def _steepest(ball: BallFit, cloud: Cloud) -> float:
         -(outward * view).sum(0) / np.linalg.norm(outward, axis=0) / np.linalg.norm(view, axis=0)
     )
     return float(np.arccos(np.clip(cosine.min(initial=1.0), 0, 1)))
-
-
-def _undetermined(fit: BallFit, stripe: np.ndarray) -> str:
-    """Why a ball on one or few of the stripes (k,) of its points does not count as found, "" for others."""
-    is_known = fit.free is not None or fit.covariance[3, 3] == 0
-    if len(fit.reason) != len(stripe) or not is_known:
-        return ""
-    has_few = len(np.unique(stripe[fit.inliers])) <= FEW_STRIPES
-    return undetermined(fit) if has_few else ""
 
 
 def _fitted(points, view, is_lit, radius, start, options) -> BallFit:
