@@ -104,8 +104,7 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
     profiles: list[Profiles] = []
     stripes = _stripes(recording, camera, progress, profiles)
     if stripes is None:
-        names = tuple(camera.placements)
-        return noisy(Chains(camera.chain, placements=names, lines=camera.displaced_lines))
+        return noisy(_of_camera(camera))
     calibration = calibrate_scanner(
         camera.views,
         stripes,
@@ -143,6 +142,12 @@ def read(recording: Recording, progress: Progress = lambda text: None) -> Chains
             beyond_lens=int((~is_reached).sum()),
         )
     )
+
+
+def _of_camera(camera) -> Chains:
+    """Those of a recording without stripes."""
+    names = tuple(camera.placements)
+    return Chains(camera.chain, placements=names, lines=camera.displaced_lines)
 
 
 def within_lens(camera: Camera, pixels: np.ndarray) -> np.ndarray:
