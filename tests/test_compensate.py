@@ -200,8 +200,12 @@ def test_a_reflector_that_was_remounted_corrects_no_target(run, made):
     arm, readings = read_solution(run[0]), targets(made)[:4]
     moved = replace(arm, effects=(*arm.effects, step), values=arm.values | values)
     assert np.array_equal(actual_poses(moved, readings, {}), actual_poses(arm, readings, {}))
-    (sentence,) = moved_tool_words(moved)
+    of_reflector = replace(moved, keys={**arm.keys, "measures": "external-point"})
+    (sentence,) = moved_tool_words(of_reflector)
     assert "shift at tool is not corrected" in sentence and "column reflector" in sentence
+    of_sensor = replace(moved, keys={**arm.keys, "measures": "ball-centre"})
+    (sentence,) = moved_tool_words(of_sensor)
+    assert "hand-eye" in sentence and "reflector" not in sentence
     assert moved_tool_words(arm) == []
 
 
