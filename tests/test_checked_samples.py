@@ -17,6 +17,7 @@ from workbench.core.errors import InputError
 from workbench.explanation.answer import diagnose
 from workbench.fitting.calibration_plans.plans import geometry
 from workbench.fitting.checked_samples import check_samples
+from workbench.fitting.named_rows import _is_enough
 from workbench.jobs.robot.calibrate import calibrate
 from workbench.jobs.robot.compare import compare
 from workbench.jobs.robot.identify import identifiability
@@ -93,6 +94,41 @@ def test_faulty_single_rows_are_a_warning_and_no_doubt_about_the_recording():
     checked = check_samples(replace(recording, columns={**recording.columns, "x_mm": x}))
     assert checked.suspicions == ()
     assert "samples 8 and 24" in checked.warnings[0]
+
+
+def _with_wrong_rows(recording, rows, size_mm=40.0):
+    """Rows off by their own amounts in x, so that nothing but gross errors explains them."""
+    x = recording.columns["x_mm"].copy()
+    x[rows] += size_mm * np.random.default_rng(3).uniform(1, 2, len(rows))
+    return replace(recording, columns={**recording.columns, "x_mm": x})
+
+
+def test_a_calibration_leaves_out_the_rows_that_the_check_names():
+    robot, right = erring("external-pose", 1, n=60)
+    rows = np.arange(5, 60, 7)  # more than the twentieth that counts as blunders after the fit
+    wrong = _with_wrong_rows(right, rows)
+    clean = calibrate(right, [geometry(robot)], folds=3)
+    made = calibrate(wrong, [geometry(robot)], folds=3)
+    assert set(made.suspects) == set(wrong.sample_ids[rows].tolist())
+    assert made.suspicions == () and made.held_out["rms_mm"] < 1.5 * clean.held_out["rms_mm"]
+    said = next(text for text in made.warnings if "leaves them out" in text)
+    assert "8 of 60 rows are off" in said and f"sample{'s'} {wrong.sample_ids[5]}" in said
+    kept = calibrate(wrong, [geometry(robot)], folds=3, trust_data=True)
+    assert kept.held_out["rms_mm"] > 10 * made.held_out["rms_mm"]
+
+
+def test_never_more_than_a_quarter_of_the_rows_is_left_out():
+    _, right = erring("external-pose", 1, n=60)
+    checked = check_samples(_with_wrong_rows(right, np.arange(0, 60, 3)), without_wrong_rows=True)
+    assert checked.left_out == () and any("rows are off" in text for text in checked.warnings)
+
+
+def test_rows_of_which_no_other_of_their_target_remains_are_not_left_out():
+    recording = erring("external-pose", 1, n=60)[1]
+    columns = {**recording.columns, "reflector": np.r_[np.ones(54), np.full(6, 2.0)]}
+    labelled = replace(recording, columns=columns)
+    keep = np.arange(60) < 54
+    assert not _is_enough(labelled, keep) and _is_enough(recording, keep)
 
 
 def test_only_rows_that_are_fitted_are_checked(negated):

@@ -1,7 +1,9 @@
 """`--tolerance` on the command line: exit status, sentence, and the object `verdict` of every command."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import datasets
@@ -192,3 +194,31 @@ def test_findings_on_the_noise_are_notes_and_alarms_are_warnings():
     console = _Console()
     tables.warnings(console, {"warnings": ["alarm", "calm"], "noise": {"findings": ["calm"]}})
     assert console.lines == [("Warning", "bold red"), ("Note", "yellow")]
+
+
+def test_the_status_says_whether_the_data_contain_a_mistake(home, capsys):
+    """`check` ends with 1 where wrong rows are named; `calibrate` leaves them out and states them."""
+    right = recorded(1, n=60)
+    columns = {**right.columns, "y_mm": right.columns["y_mm"].copy()}
+    columns["y_mm"][[4, 20, 41]] += (70.0, 110.0, -90.0)
+    datasets.write(replace(right, columns=columns), home / "wrong-rows")
+    for name, expected in (("points", 0), ("wrong-rows", 1)):
+        words = ("check", home / name, "--no-report", "--out", home / f"check-{name}")
+        status, answer = run(home, "check", *words)
+        assert status == expected and answer["verdict"]["pass"] is not bool(expected)
+    status, answer = calibrate(home, "wrong-rows")
+    assert status == 0 and answer["verdict"]["pass"] is None
+    assert answer["suspect_samples"] == [5, 21, 42]
+    assert any("leaves them out" in text for text in answer["warnings"])
+
+
+def test_a_recording_in_doubt_ends_with_status_1_unless_the_data_are_trusted(home):
+    """The instrument moves by 2 mm after two thirds of the rows."""
+    right = recorded(1, n=60)
+    moved = {"x_mm": right.columns["x_mm"] + 2.0 * (np.arange(60) >= 40)}
+    datasets.write(replace(right, columns={**right.columns, **moved}), home / "moved")
+    status, answer = calibrate(home, "moved")
+    assert status == 1 and answer["verdict"]["pass"] is False
+    assert "the recording is in doubt" in answer["verdict"]["sentence"]
+    status, answer = calibrate(home, "moved", "--trust-data")
+    assert status == 0 and "the recording is in doubt" in answer["verdict"]["sentence"]

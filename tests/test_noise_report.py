@@ -12,10 +12,10 @@ from noise_scenes import SIGMA, XYZ, geometry_of, heavy, normal, recorded
 from robot_model.effects import CATALOGUE
 from test_diagnosis_engine import recorded as of_elastic_arm
 from workbench.core.errors import InputError
-from workbench.core.least_squares.adjustment_tests import change_test
+from workbench.core.least_squares.adjustment_tests import VarianceTest, change_test
 from workbench.files.solution_file import solution_keys
 from workbench.fitting.verdicts.calibration_verdict import calibration_verdict
-from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE
+from workbench.fitting.verdicts.noise_report import ALARM, NONE, NOTICE, Findings, report
 
 
 def with_columns(recording, **columns):
@@ -306,3 +306,30 @@ def test_held_out_orientations_are_tested_themselves():
     worse = calibration.held_out | {"rotation_rms_deg": 1.2}
     sentence = calibration_verdict(worse, calibration.noise).parts[1].sentence
     assert "agrees" not in sentence and "held out 1.2 deg" in sentence
+
+
+def of_held_out(**errors):
+    """Report on a fit that agrees with a noise of 0.05 mm on a reach of 1 m, with errors on left-out poses."""
+    test = VarianceTest(1.0, 90.0, 0.5, 0.5)
+    return report(Findings(0.05, test, None, 0.05, 0.05, 90.0, None, 0.087, 1000.0, 40, **errors))
+
+
+@pytest.mark.parametrize(
+    "errors, words",
+    [
+        ({"held_out_rms": 7.3}, "7.3 mm RMS off"),
+        ({"held_out_rms": 0.1, "held_out_deg": 54.0, "fit_deg": 0.2}, "54 deg RMS off"),
+    ],
+)
+def test_left_out_poses_far_beyond_fit_and_noise_are_an_alarm(errors, words):
+    made = of_held_out(**errors)
+    assert made.level == ALARM and words in made.alarms[0]
+    verdict = calibration_verdict({"rms_mm": errors["held_out_rms"]}, made)
+    assert verdict.passed is False and "Do not use this result" in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    "errors", [{"held_out_rms": 1.9}, {"held_out_rms": 0.1, "held_out_deg": 1.5, "fit_deg": 1.4}]
+)
+def test_left_out_poses_with_the_errors_of_few_poses_are_no_alarm(errors):
+    assert of_held_out(**errors).level == NONE

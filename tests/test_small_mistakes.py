@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from datasets.samples.columns import POINT
 from erring_scenes import erring
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.joint_columns.small_mistakes import untested_signs
@@ -60,3 +62,29 @@ def test_signs_of_a_sound_recording_are_tested(measures):
     assert untested_signs(robot, recording) == []
     needs = inspect_recording(recording).needs
     assert not any("sign to be tested" in need.what for need in needs)
+
+
+STEPS = [(1.0, "multiples of 1 mm"), (0.1, "multiples of 0.1 mm"), (0.254, "multiples of 0.01 in")]
+
+
+@pytest.mark.parametrize("step_mm, words", STEPS)
+def test_rounded_points_are_named_with_their_step(step_mm, words):
+    robot, recording = erring("external-point", 5, n=60)
+    points = {name: step_mm * np.round(recording.columns[name] / step_mm) for name in POINT}
+    rounded = replace(recording, columns={**recording.columns, **points}, sigma_mm=None)
+    (found,) = check_plausibility(robot, rounded)
+    assert found.cause == "point-rounding" and not found.is_doubt
+    assert words in found.sentence and "x_mm, y_mm and z_mm" in found.sentence
+    predicted = step_mm / 2  # three coordinates of step / sqrt(12)
+    assert f"{predicted:.2g} mm RMS" in found.sentence
+
+
+def test_digits_that_the_noise_hides_are_no_rounding():
+    """Points with two decimals of an instrument whose noise is many times larger."""
+    robot, recording = erring("external-point", 5, n=60, sigma=0.05)
+    points = {name: np.round(recording.columns[name], 2) for name in POINT}
+    assert check_plausibility(robot, replace(recording, columns=points | _joints(recording))) == ()
+
+
+def _joints(recording):
+    return {name: cells for name, cells in recording.columns.items() if name not in POINT}

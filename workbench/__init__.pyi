@@ -51,7 +51,9 @@ def calibrate(
     r"""Calibrate the arm of a recording: parameters, held-out errors in mm, and a report page.
 
     For a recording with images of scans, the scanner is calibrated first (without `scanner`), then
-    point clouds and ball centres are computed.
+    point clouds and ball centres are computed. Rows that `workbench check` names as wrong are left
+    out and listed. Exit status 1 if the recording is in doubt, poses that were left out are
+    predicted far worse than the noise explains, or a tolerance is not met.
 
     Args:
         recording: Folder of a recording, or a name of `workbench datasets list`.
@@ -214,7 +216,8 @@ def check(
     r"""Check a recording before calibration: joint ranges, poses, repeats, noise, mistakes and missing
     data.
 
-    Exit status 1 if data are missing that the intended command requires.
+    Exit status 1 if data are missing that the intended command requires, or if the data contain a
+    mistake.
 
     Args:
         recording: Folder of a recording, or a name of `workbench datasets list`.

@@ -15,15 +15,13 @@ from robot_model.measurements import check_measures, samples_of
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
 from workbench.core.model import Model
+from workbench.fitting.named_rows import NamedRows, without_named_rows
 from workbench.fitting.plausibility import check_plausibility
 from workbench.fitting.plausibility.robot_files.far_geometry import CAUSE, OTHER_ROBOT
-from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.suspicion import HARMLESS_TO_THE_FIT, Suspicion
 from workbench.fitting.row_order import without_sorted_rows
 from workbench.fitting.start_ambiguity import ambiguity_sentence
 
-# Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
-# wrong statement of the noise changes uncertainties, not the fit; wrong lengths of the robot file are estimated.
-_HARMLESS_TO_THE_FIT = ("blunders", "sigma", "dimensions")
 # intervals between samples by which the instant of an effect may differ from that of a jump
 _JUMP_SLACK = 3.0
 
@@ -36,7 +34,7 @@ class CheckedSamples:
     without --force. `warnings`: these, after what reading the recording, leaving out copies and faulty single
     rows had to say. `far_geometry`: those of the doubts that say that the arm is another one than the robot file
     describes, for the verdict. `jumps`: of those of the doubts that say that something moved between two samples, the
-    numbers of these.
+    numbers of these. `left_out`: numbers of the samples that the check names as wrong and that are not to be fitted.
     """
 
     robot: Robot
@@ -44,6 +42,7 @@ class CheckedSamples:
     suspicions: tuple[str, ...]
     far_geometry: str = ""
     jumps: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    left_out: tuple[int, ...] = ()
 
     def warnings_about(self, model: Model) -> tuple[str, ...]:
         """The doubts that remain with a model: not those about a jump that one of its effects makes."""
@@ -74,13 +73,15 @@ def check_samples(
     trust_data: bool = False,
     fit_samples: Sequence[int] | None = None,
     test_samples: Sequence[int] | None = None,
+    without_wrong_rows: bool = False,
 ) -> CheckedSamples:
     """The samples of a recording and its nominal robot, after the plausibility check of the rows to be fitted.
 
     trust_data: what would be refused is a warning instead. Without it, a direction of gravity and mechanical
     couplings that explain the recording replace those of the robot file, in robot and recording, with a warning.
-    fit_samples, test_samples: sample numbers, as of `workbench.jobs.robot.calibrate.calibrate`. Raises InputError
-    where the recorded data cannot be right.
+    fit_samples, test_samples: sample numbers, as of `workbench.jobs.robot.calibrate.calibrate`.
+    without_wrong_rows: of the rows to be fitted, those that the check names are listed in `left_out`, and the others
+    are checked again; not with trust_data. Raises InputError where the recorded data cannot be right.
     """
     check_measures(recording)
     samples = without_sorted_rows(samples_of(recording))
@@ -89,8 +90,13 @@ def check_samples(
     if ambiguity is not None:
         samples = replace(samples, warnings=(*samples.warnings, ambiguity))
     fitted = samples.select(rows_to_fit(samples, fit_samples, test_samples))
+    if without_wrong_rows and not trust_data:
+        named = without_named_rows(robot, fitted)
+    else:
+        named = NamedRows(check_plausibility(robot, fitted))
+    samples = replace(samples, warnings=(*samples.warnings, *named.sentences))
     suspicions, far_geometries, jumps = [], [], {}
-    for suspicion in check_plausibility(robot, fitted):
+    for suspicion in named.suspicions:
         if suspicion.robot_keys and not trust_data:
             robot, samples = _with_keys(samples, suspicion)
             continue
@@ -98,7 +104,7 @@ def check_samples(
             raise InputError(naming_option(suspicion.sentence))
         if suspicion.cause in (CAUSE, OTHER_ROBOT):
             far_geometries.append(suspicion.sentence)
-        if suspicion.cause in _HARMLESS_TO_THE_FIT:
+        if suspicion.cause in HARMLESS_TO_THE_FIT:
             samples = replace(samples, warnings=(*samples.warnings, suspicion.sentence))
             continue
         sentence = (
@@ -107,7 +113,8 @@ def check_samples(
         suspicions.append(sentence)
         if suspicion.instant is not None:
             jumps[sentence] = suspicion.instant
-    return CheckedSamples(robot, samples, tuple(suspicions), " ".join(far_geometries), jumps)
+    far_geometry = " ".join(far_geometries)
+    return CheckedSamples(robot, samples, tuple(suspicions), far_geometry, jumps, named.numbers)
 
 
 def _with_keys(samples: Recording, suspicion: Suspicion) -> tuple[Robot, Recording]:

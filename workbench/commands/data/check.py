@@ -13,7 +13,7 @@ def command(
 ) -> None:
     """Check a recording before calibration: joint ranges, poses, repeats, noise, mistakes and missing data.
 
-    Exit status 1 if data are missing that the intended command requires.
+    Exit status 1 if data are missing that the intended command requires, or if the data contain a mistake.
     """
 
     def work(run, progress) -> dict:

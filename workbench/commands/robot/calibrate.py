@@ -79,7 +79,9 @@ def command(
     """Calibrate the arm of a recording: parameters, held-out errors in mm, and a report page.
 
     For a recording with images of scans, the scanner is calibrated first (without --scanner), then
-    point clouds and ball centres are computed.
+    point clouds and ball centres are computed. Rows that `workbench check` names as wrong are left out
+    and listed. Exit status 1 if the recording is in doubt, poses that were left out are predicted far
+    worse than the noise explains, or a tolerance is not met.
     """
     answer.check_target(json)
     if session is not None:

@@ -58,7 +58,7 @@ def solve_into(
     from workbench.fitting.verdicts.calibration_verdict import (
         calibration_verdict,
         remark_on_kind,
-        remark_on_suspicions,
+        with_doubts,
         with_remark,
         with_sensor,
     )
@@ -75,7 +75,7 @@ def solve_into(
     verdict = calibration_verdict(calibration.held_out, calibration.noise, tolerances)
     stated = calibration.as_json()
     verdict = with_remark(verdict, remark_on_kind(stated["measures"]))
-    verdict = with_remark(verdict, remark_on_suspicions(calibration.suspicions))
+    verdict = with_doubts(verdict, calibration.suspicions, options.get("trust_data", False))
     verdict = with_sensor(with_remark(verdict, calibration.far_geometry), sensor_keys.get("sensor"))
     of_sensor = sensor_keys.get("sensor", {}).get("warnings", ())
     result = {

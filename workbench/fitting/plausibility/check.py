@@ -1,6 +1,7 @@
 """All plausibility checks of one recording, in order."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,11 @@ from workbench.fitting.plausibility.fitting import (
 from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.joint_columns.coupled_drives import coupled_drives
 from workbench.fitting.plausibility.joint_columns.random_errors import random_errors
-from workbench.fitting.plausibility.joint_columns.rounding import explains, joint_rounding
+from workbench.fitting.plausibility.joint_columns.rounding import (
+    explains,
+    joint_rounding,
+    point_rounding,
+)
 from workbench.fitting.plausibility.joint_columns.small_mistakes import small_mistakes
 from workbench.fitting.plausibility.misfit import (
     doubtful_columns,
@@ -47,7 +52,7 @@ from workbench.fitting.plausibility.rows.row_groups import Reason, largest_group
 from workbench.fitting.plausibility.rows.row_shifts import row_shift_suspicions
 from workbench.fitting.plausibility.sampling import even_rows
 from workbench.fitting.plausibility.stated_values import stated_value_suspicions
-from workbench.fitting.plausibility.suspicion import Suspicion
+from workbench.fitting.plausibility.suspicion import POINT_ROUNDING, Suspicion
 from workbench.fitting.plausibility.wording import change_point_sentence, listed
 
 _ROWS, _MANY_STEPS = 240, 60
@@ -94,6 +99,8 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
                 found += _suspicions_of(random_errors, robot, recording, fit)
     except (np.linalg.LinAlgError, InputError):
         pass  # too little data for any fit: the calibration says which parameters are undetermined
+    if any(suspicion.cause == "rounding" for suspicion in found):  # larger than the stated noise
+        found = [suspicion for suspicion in found if suspicion.cause != POINT_ROUNDING]
     return tuple(sorted(found, key=lambda suspicion: not suspicion.certain))
 
 
@@ -222,14 +229,17 @@ def _of_groups(robot, recording, fit: Fit) -> Suspicion | None:
     group = largest_group(robot, recording, fit, time_order(recording), scale_of_good_fit)
     if group is None:
         return None
-    known = recording.select(np.flatnonzero(np.isfinite(group.mismatch)))
+    known_rows = np.flatnonzero(np.isfinite(group.mismatch))
+    known = recording.select(known_rows)
     mismatch = group.mismatch[np.isfinite(group.mismatch)]
     agree = mismatch < group.limit
     median = float(np.median(mismatch[agree]))
     outliers = Outliers(np.flatnonzero(~agree), mismatch, median)
     reason = outlier_reason(robot, known, group.fit, outliers)
-    is_named = reason.is_specific or reason.cause == "moved"
-    return _outlying(known, outliers, reason, named) if is_named else None
+    if not reason.is_specific and reason.cause != "moved":
+        return None
+    suspicion = _outlying(known, outliers, reason, named)
+    return replace(suspicion, rows=tuple(known_rows[outliers.rows].tolist()))
 
 
 def _isolated_rows(robot, recording, fit: Fit, named: str) -> Iterator[Suspicion]:
@@ -317,6 +327,15 @@ def _rounded(robot, recording, fit, named):
             "found; export the readings with all digits.",
             False,
             "rounding",
+        )
+    columns, size, predicted = point_rounding(recording)
+    if columns and explains(predicted, fit.scale):
+        yield Suspicion(
+            f"{named}: all values of column{'s' * (len(columns) > 1)} {listed(columns)} are multiples of {size}; "
+            f"rounding to such a step explains position errors of {predicted:.2g} mm RMS, and {fit.scale:.2g} mm are "
+            "found; export the measurements with all digits.",
+            False,
+            POINT_ROUNDING,
         )
 
 

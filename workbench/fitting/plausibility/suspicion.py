@@ -3,6 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+POINT_ROUNDING = "point-rounding"
+HARMLESS_TO_THE_FIT = ("blunders", "sigma", "dimensions", POINT_ROUNDING)
+"""Causes that leave the fit right. Faulty single rows are left out of it, and what stays is compared with the noise; a
+wrong statement of the noise changes uncertainties, not the fit; wrong lengths of the robot file are estimated; rounding
+of measured values is noise of a known size."""
+
 
 @dataclass(frozen=True)
 class Suspicion:
@@ -27,3 +33,12 @@ class Suspicion:
     robot_keys: Mapping = field(default_factory=dict)
     use: str = ""
     is_explanation: bool = False
+
+    @property
+    def is_doubt(self) -> bool:
+        """Whether rows are named as wrong, or the recording as a whole is in doubt.
+
+        A calibration replaces the keys of the robot file that explain the recording, which leaves no doubt.
+        """
+        is_harmless = bool(self.robot_keys) or self.cause in HARMLESS_TO_THE_FIT
+        return bool(self.rows) or not is_harmless

@@ -69,14 +69,19 @@ def remark_on_kind(measures: str) -> str:
     return f"{meaning} The 3-D error of the arm may be larger."
 
 
-def remark_on_suspicions(suspicions: Sequence[str]) -> str:
-    """That a mistake in the recording is suspected, which the warnings of the calibration state; "" for none."""
+def with_doubts(verdict: Verdict, suspicions: Sequence[str], trust_data: bool = False) -> Verdict:
+    """The verdict on a recording in which a mistake is suspected, which the warnings of the calibration state.
+
+    It fails, unless the user states by trust_data that the data are right.
+    """
     if not suspicions:
-        return ""
-    return (
+        return verdict
+    sentence = (
         "But the recording is in doubt: read the warning first. `workbench compensate` refuses this calibration "
         "until its cause is corrected."
     )
+    doubtful = with_remark(verdict, sentence)
+    return doubtful if trust_data else replace(doubtful, passed=False)
 
 
 def units_of(measures: str) -> tuple[str, ...]:

@@ -74,8 +74,19 @@ def noise_report(calibration) -> NoiseReport:
         rotation=_rotation(recording, model, fit),
         absorbed=absorbed,
         within_scans=_within_scans(recording),
+        **_held_out_errors(calibration),
     )
     return report(found)
+
+
+def _held_out_errors(calibration) -> dict[str, float]:
+    """Errors on left-out poses, and that of the orientation in the fit, as of `Findings`; nan where unknown."""
+    held_out = calibration.held_out
+    return {
+        "held_out_rms": held_out.get("rms_mm", np.nan),
+        "held_out_deg": held_out.get("rotation_rms_deg", np.nan),
+        "fit_deg": calibration.fit.get("rotation_rms_deg", np.nan),
+    }
 
 
 def _within_scans(recording) -> float | None:

@@ -21,6 +21,8 @@ _LEAST_REPEATS = 6  # degrees of freedom per component below which replicates sa
 # Industrial arms that were never calibrated are accurate to 0.05 to 0.3 % of their reach (ISO 9283 tests), calibrated
 # ones to 0.01 to 0.05 %. A fit that leaves more than this is no calibration, whatever the noise.
 IMPLAUSIBLE_SHARE = 0.002
+# The same of an orientation: by it, a tool of a tenth of the reach is displaced by 0.2 % of the reach.
+IMPLAUSIBLE_DEG = float(np.rad2deg(10 * IMPLAUSIBLE_SHARE))
 _NAMED = 12
 DIAGNOSE = "run `workbench diagnose`"
 
@@ -54,7 +56,8 @@ class Findings:
     `left_out`: sample numbers that the fit leaves out as blunders. `rotation`: where the noise of orientations is
     stated. `absorbed`: structure of the residual of the geometry alone, where retained terms leave none.
     `is_diagnosed`: whether the fit is that of a diagnosis, after which another one is no advice. `within_scans`: where
-    samples are scans of balls, the RMS distance (mm) that the scatter of the points within a scan makes.
+    samples are scans of balls, the RMS distance (mm) that the scatter of the points within a scan makes. `held_out_rms`
+    (mm) and `held_out_deg`: errors on left-out poses, `fit_deg` that of the orientation in the fit; nan where unknown.
     """
 
     stated: float | None
@@ -74,6 +77,9 @@ class Findings:
     absorbed: Structure | None = None
     is_diagnosed: bool = False
     within_scans: float | None = None
+    held_out_rms: float = np.nan
+    held_out_deg: float = np.nan
+    fit_deg: float = np.nan
 
     @property
     def is_absorbed(self) -> bool:
@@ -224,7 +230,7 @@ def replicate_noise(group: np.ndarray, residual: np.ndarray) -> Replicates | Non
 
 def report(found: Findings) -> NoiseReport:
     """Compare the estimates of the noise and put the result into words."""
-    alarms = _implausible(found)
+    alarms = _implausible(found) or _implausible_held_out(found)
     exceeds = found.test is not None and is_above(found.test)
     cause = _cause(found) if exceeds else _agreement(found)
     first = [_factor(found), cause] if exceeds else [cause]
@@ -272,9 +278,41 @@ def _implausible(found: Findings) -> tuple[str, ...]:
     )
 
 
+def _implausible_held_out(found: Findings) -> tuple[str, ...]:
+    """An alarm where left-out poses are predicted worse than the nominal geometry of a sound arm would."""
+    noise = np.sqrt(found.components) * _known_sigma(found)
+    position = _excess(found.held_out_rms, max(found.rms, noise))
+    stated = found.rotation.stated_rms_deg if found.rotation else 0.0
+    rotation = _excess(found.held_out_deg, max(found.fit_deg, stated))
+    errors = []
+    if found.reach > 0 and position > IMPLAUSIBLE_SHARE * found.reach:
+        share = 100 * found.held_out_rms / found.reach
+        errors.append(
+            f"{found.held_out_rms:.3g} mm RMS off ({share:.2g} % of the arm's reach; fit {found.rms:.2g} mm)"
+        )
+    if rotation > IMPLAUSIBLE_DEG:
+        errors.append(f"{found.held_out_deg:.3g} deg RMS off (fit {found.fit_deg:.2g} deg)")
+    if not errors:
+        return ()
+    return (
+        f"Poses that the model is not fitted to are {' and '.join(errors)}: the recording does not determine this "
+        "model. Measure more poses, spread over the range of every joint, or estimate less (--plan).",
+    )
+
+
+def _excess(value: float, expected: float) -> float:
+    """The part of an RMS value above the expected one, by squares; 0 where it is not larger or not known."""
+    return float(np.sqrt(value**2 - expected**2)) if value > expected else 0.0
+
+
+def _known_sigma(found: Findings) -> float:
+    """Noise of a coordinate (mm): stated, else from replicates, else 0."""
+    return found.stated or (found.replicates.sigma if found.replicates else 0.0)
+
+
 def _above_noise(found: Findings) -> float:
     """Part of the 3-D RMS (mm) above the stated noise, else above that of replicates."""
-    noise = found.stated or (found.replicates.sigma if found.replicates else 0.0)
+    noise = _known_sigma(found)
     return float(np.sqrt(max(found.rms**2 - found.components * noise**2, 0.0)))
 
 

@@ -154,12 +154,12 @@ def calibrate(
     """
     checked = recording
     if not isinstance(recording, CheckedSamples):
-        checked = check_samples(recording, trust_data, fit_samples, test_samples)
+        checked = check_samples(recording, trust_data, fit_samples, test_samples, True)
     if checked.recording.measures == FILE_KIND:
         checked, (fit_samples, test_samples) = checked_scans(checked, fit_samples, test_samples)
         checked = _weighed_for_plan(checked, plan)
     moving, robot = checked.recording, checked.robot
-    split = everyone = _split(moving, fit_samples, test_samples, folds)
+    split = everyone = _split(checked, fit_samples, test_samples, folds)
     chain = bind(robot, moving, start_on=split.fit)
     stages = _stages(plan, Model(chain).part(split.fit).chain)
     choice_samples = samples_of_some_poses(moving.poses, split.fit, _CHOSEN_ON)
@@ -221,7 +221,8 @@ def _weighed_for_plan(checked: CheckedSamples, plan) -> CheckedSamples:
     return replace(checked, recording=weighed(checked.robot, checked.recording, effects))
 
 
-def _split(recording, fit_samples, test_samples, folds) -> Split:
+def _split(checked: CheckedSamples, fit_samples, test_samples, folds) -> Split:
+    recording = checked.recording
     everyone = np.ones(recording.n, bool)
     if test_samples is not None:
         test = np.isin(recording.sample_ids, test_samples)
@@ -230,6 +231,7 @@ def _split(recording, fit_samples, test_samples, folds) -> Split:
     fit = rows_to_fit(recording, fit_samples, test_samples)
     if not test.any() and not fit.all():
         test = ~fit
+    fit &= ~np.isin(recording.sample_ids, checked.left_out)
     poses = len(np.unique(recording.poses[fit]))
     if poses < _LEAST_POSES:
         raise InputError(

@@ -60,14 +60,19 @@ class Inspection:
 
     @property
     def is_sufficient(self) -> bool:
-        """Whether that command has what it cannot do without."""
-        return not self._required
+        """Whether that command has what it cannot do without, and nothing says that the data are wrong."""
+        return not self._required and not self._wrong_data
 
     @property
     def _required(self) -> list[Need]:
         """Missing data for the command; hand-eye requires the images of a camera calibration."""
         commands = ("handeye", "camera") if self.job == "handeye" else (self.job,)
         return [need for need in self.needs if need.is_required and need.command in commands]
+
+    @property
+    def _wrong_data(self) -> list[Need]:
+        """Wrong rows, and what puts the recording as a whole in doubt."""
+        return [need for need in self.needs if need.is_doubt and need.command == self.job]
 
     @property
     def sentence(self) -> str:
@@ -85,8 +90,10 @@ class Inspection:
             f" But {need.what}; {need.action}." for need in self.needs if need.in_verdict
         )
         if mistakes:
-            first = mistakes[0]
+            first = next((need for need in mistakes if need.is_doubt), mistakes[0])
             stated = f" First look at what may be wrong: {first.what}; {first.action}.{stated}"
+        if self._wrong_data:
+            return f"Not right as it is for `workbench {self.job}`.{stated}{remarks}"
         return f"Enough for `workbench {self.job}`.{stated}{remarks}"
 
     def as_json(self) -> dict:

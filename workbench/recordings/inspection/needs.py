@@ -47,7 +47,8 @@ class Need:
     """One thing that is missing: for which `command`, whether the command cannot do without, and what to do.
 
     `in_verdict`: so important that the verdict states it although the command runs without it. `is_mistake`: data are
-    wrong or implausible, not missing.
+    wrong or implausible, not missing. `is_doubt`: wrong rows are named or the recording as a whole is in doubt, so that
+    it is not right as it is.
     """
 
     command: str
@@ -56,6 +57,7 @@ class Need:
     action: str
     in_verdict: bool = False
     is_mistake: bool = False
+    is_doubt: bool = False
 
     @property
     def sentence(self) -> str:
@@ -110,7 +112,8 @@ def sample_needs(recording: Recording) -> Iterator[Need]:
         is_far_geometry = suspicion.cause in (CAUSE, OTHER_ROBOT) and not suspicion.certain
         if not (is_far_geometry and has_far_geometry):
             statement, action = _statement_and_action(suspicion.sentence)
-            yield Need("calibrate", suspicion.certain, statement, action, is_mistake=True)
+            is_doubt = suspicion.is_doubt
+            yield Need("calibrate", suspicion.certain, statement, action, False, True, is_doubt)
 
 
 def _statement_and_action(sentence: str) -> tuple[str, str]:
@@ -188,7 +191,7 @@ def _robot_needs(recording: Recording) -> Iterator[Need]:
     robot = load_robot(recording.robot, f"robot of {recording.name}")
     found = find_far_geometry(robot, recording)
     if found is not None:
-        yield Need("calibrate", False, found.what, found.action, in_verdict=True)
+        yield Need("calibrate", False, found.what, found.action, True, is_doubt=True)
 
 
 def _sign_needs(recording: Recording) -> Iterator[Need]:

@@ -1,11 +1,15 @@
-"""Readings that were rounded before they were written: a lattice that the numbers themselves show."""
+"""Readings and measurements that were rounded before they were written: a lattice that the numbers themselves show."""
 
 import numpy as np
 
 from datasets.samples.columns import joint_columns
 from workbench.fitting.plausibility.fitting import POSITION
+from workbench.fitting.plausibility.hypotheses.corrections import point_columns
 
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.25, 0.2, 0.1, 0.05)
+_MM_STEPS = (*_STEPS, 0.02, 0.01)
+_INCH_MM = 25.4
+_INCH_STEPS = (1.0, 0.5, 0.1, 0.05, 0.01, 0.005, 0.001)
 _LEAST_VALUES = 8
 _WINDOW = (0.35, 3.0)
 
@@ -14,10 +18,28 @@ def lattice_step(values: np.ndarray) -> float:
     """The largest usual step of which all values are multiples, 0 where there is none or too few values differ."""
     if len(np.unique(values)) < _LEAST_VALUES:
         return 0.0
-    for step in _STEPS:
-        if np.abs(values / step - np.round(values / step)).max() < 1e-6:
-            return step
-    return 0.0
+    return next((step for step in _STEPS if _are_multiples(values, step)), 0.0)
+
+
+def _are_multiples(values: np.ndarray, step: float) -> bool:
+    return bool(np.abs(values / step - np.round(values / step)).max() < 1e-6)
+
+
+def point_rounding(recording) -> tuple[list[str], str, float]:
+    """Columns of coordinates or lengths with one coarsest lattice, its step in words, and the RMS error in mm of it."""
+    steps = {step: f"{step:g} mm" for step in _MM_STEPS}
+    steps |= {_INCH_MM * step: f"{step:g} in" for step in _INCH_STEPS}
+    found = {}
+    for name in point_columns(recording):
+        values = recording.columns[name]
+        if len(np.unique(values)) >= _LEAST_VALUES:
+            sizes = (step for step in sorted(steps, reverse=True) if _are_multiples(values, step))
+            found[name] = next(sizes, 0.0)
+    rounded = [name for name, step in found.items() if step > 0]
+    if not rounded:
+        return [], "", 0.0
+    predicted = float(np.sqrt(sum(step**2 for step in found.values()) / 12))
+    return rounded, steps[max(found.values())], predicted
 
 
 def joint_rounding(robot, recording, fit) -> tuple[list[str], float, float]:
