@@ -110,3 +110,15 @@ def test_variances_of_a_task_follow_a_set_that_grows_and_shrinks():
         normal = np.einsum("kmf,kmg->fg", rows[held], rows[held]) + known
         expected = [np.trace(np.linalg.inv(normal + row.T @ row) @ weight) for row in rows]
         np.testing.assert_allclose(variances.with_each(held), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("criterion", [*CRITERIA, "task"])
+def test_without_random_sets_to_compare_with_the_exchange_alone_chooses(criterion):
+    rows = random_rows()
+    tasks = random_rows(candidates=3, seed=1)
+    found = choose(rows, 5, criterion, tasks, draws=0)
+    assert not len(found.random)
+    if criterion == "task":  # which never starts from a random set
+        compared = choose(rows, 5, criterion, tasks, draws=50)
+        np.testing.assert_array_equal(found.chosen, compared.chosen)
+        assert found.value == compared.value and len(compared.random) == 50

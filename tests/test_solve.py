@@ -323,3 +323,16 @@ def test_pose_scores_sum_gradients_over_samples_of_a_pose():
     expected = gradients.T @ gradients
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(pose_scores(seen, fit, poses) / size, expected / size, atol=1e-9)
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_a_fit_without_shares_of_components_is_the_same_fit(loss):
+    model = model_of(scene("external-pose", n=60))
+    free = canonical(model, "external-pose")
+    seen = observed(model, moved(free), np.random.default_rng(9))
+    fits = [solve(seen, free, loss, with_shares=asked) for asked in (True, False)]
+    assert fits[0].shares.shape == (6,) and fits[1].shares is None
+    assert 0 < fits[0].shares.min() < 1 and np.ptp(fits[0].shares) > 0
+    np.testing.assert_array_equal(*(fit.parameters.values for fit in fits))
+    np.testing.assert_array_equal(*(fit.normal for fit in fits))
+    assert fits[0].degrees == fits[1].degrees and fits[0].sigma_scale == fits[1].sigma_scale

@@ -245,8 +245,10 @@ def stated_sigma(model: Model) -> np.ndarray | None:
 def _predict(model, start, test, fit_on, loss, steps, settle):
     """Residual (3, tested) of a fit on other samples, and what had to be located on the tested ones."""
     known = model.part(fit_on)
-    fit = solve(known, start, loss, steps)
-    fitted = (settled(known, fit, loss, steps) if settle else fit).parameters
+    fit = solve(known, start, loss, steps, with_shares=False)
+    if settle:
+        fit = settled(known, fit, loss, steps, with_shares=False)
+    fitted = fit.parameters
     return _placed(known, model.part(test), fitted, loss, steps)
 
 

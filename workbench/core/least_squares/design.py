@@ -65,7 +65,8 @@ def choose(
     rows (N, m, F): whitened rows of each candidate, columns scaled to like sizes. criterion: "D"
     (det^(1/F) of the normal matrix), "O1" ... "O5" (see `Identifiability.observability`), or
     "task": the least mean variance of the rows `tasks` (T, m, F). known (F, F): normal matrix of what
-    is known already. repeats: how often one candidate may be taken. bounded: with "task", also what
+    is known already. draws: random sets to compare with, which only the other criteria also start from. repeats: how
+    often one candidate may be taken. bounded: with "task", also what
     the larger sets and the bound are, and a second search from there. progress: called with kind, number and total
     of the steps. Deterministic for a seed.
     """
@@ -106,7 +107,7 @@ def choose(
             "everything": score(normal_of(rows) + ridge),
             "bound": bound,
         }
-    if not is_error and random.max() > worth(chosen):
+    if not is_error and random.max(initial=-np.inf) > worth(chosen):
         # the exchange ended in a local optimum: start again from the best random set
         chosen = search.exchange(several[int(random.argmax())])
     return Design(np.sort(chosen), worth(chosen), random, not is_error, **comparisons)

@@ -62,7 +62,7 @@ class Fit:
         gradient: (F,) of half the whitened sum of squares at `parameters`, in the units of the free parameters; None
             with a robust loss and where `normal` has other sigmas.
         shares: (m,) share of its residuals that each component keeps as degrees of freedom, where poses are measured
-            (m > 3) and the solve still has the derivative; else None.
+            (m > 3), the solve still has the derivative and was asked for them; else None.
 
     Examples:
         >>> from workbench.core.parameters import Parameter
@@ -168,6 +168,7 @@ def solve(
     loss: str = "linear",
     steps: int = 50,
     linearised: Fit | None = None,
+    with_shares: bool = True,
 ) -> Fit:
     """Fit the free parameters of `parameters` to the samples of `model`.
 
@@ -179,26 +180,29 @@ def solve(
     fitted between solves of the mean.
 
     linearised: a fit of the same samples with the same sigma. Where it ended at `parameters`, with the same ones free,
-    its normal equations replace the first linearisation. Priors may differ.
+    its normal equations replace the first linearisation. Priors may differ. with_shares: False leaves `Fit.shares` out,
+    which takes as long as a step and which only an estimate of the noise reads.
     """
     spread = noise_mask(model, parameters)
-    fit = _solve_mean(model, parameters.only(parameters.mask & ~spread), loss, steps, linearised)
+    mean = parameters.only(parameters.mask & ~spread)
+    fit = _solve_mean(model, mean, loss, steps, linearised, with_shares)
     if not spread.any():
         return fit
     for _ in range(_NOISE_ROUNDS):
         found = fit_noise(model, fit.parameters.only(parameters.mask), fit.residual, fit.weights)
-        fit = _solve_mean(model, found.only(parameters.mask & ~spread), loss, steps)
+        mean = found.only(parameters.mask & ~spread)
+        fit = _solve_mean(model, mean, loss, steps, with_shares=with_shares)
     return _with_noise(model, fit, parameters.mask, spread)
 
 
-def _solve_mean(model, parameters, loss, steps, linearised=None) -> Fit:
+def _solve_mean(model, parameters, loss, steps, linearised=None, with_shares=True) -> Fit:
     problem = _Problem(model, parameters, LOSSES[loss])
     problem.start(linearised)
     for _ in range(steps):
         if problem.outcome:
             break
         problem.step()
-    return problem.finish()
+    return problem.finish(with_shares)
 
 
 def _with_noise(model, fit: Fit, mask, spread) -> Fit:
@@ -430,7 +434,7 @@ class _Problem:
         leverage = (rows * (covariance @ rows)).sum(0).reshape(self.residual.shape)
         return np.clip(1 - leverage.mean(1), 0.0, 1.0)
 
-    def finish(self):
+    def finish(self, with_shares=True):
         covariance = covariance_of(self.data_normal, self.prior + _FLOOR)
         degrees = self.degrees(covariance)
         data = float((self.weights * (self.residual * self.inverse_sigma) ** 2).sum())
@@ -444,7 +448,7 @@ class _Problem:
             self.outcome or (SETTLED if self.is_settled else OUT_OF_STEPS),
             degrees,
             self.data_gradient / self.scale if self.weigh is None else None,
-            self.shares_of_components(covariance),
+            self.shares_of_components(covariance) if with_shares else None,
         )
 
 

@@ -370,9 +370,9 @@ class RobotBench(Bench):
         else:
             model, start = known.model, known.fit.parameters
         steps = _STEPS if is_complete else _FEW_STEPS
-        fit = solve(model, start, "huber", steps)
+        fit = solve(model, start, "huber", steps, with_shares=False)
         if model.shrunk.any():  # each octave of a curve has the prior scale that the data give it
-            fit = settled(model, fit, "huber", steps, only=model.shrunk)
+            fit = settled(model, fit, "huber", steps, only=model.shrunk, with_shares=False)
         white = fit.residual / model.sigma(fit.parameters)
         if self._start is None:
             self._start = fit.parameters

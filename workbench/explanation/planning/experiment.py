@@ -79,13 +79,21 @@ CORRELATED = (
 
 @dataclass(frozen=True)
 class ConfoundedPair:
-    """A finding with its effects and values, the `alternative` effects that may replace it, and both their names."""
+    """A finding with its effects and values, the `alternative` effects that may replace it, and both their names.
+
+    `solved`: the effects of the finding and of all other terms, in an order in which the bench has solved them.
+    """
 
     own: tuple
     values: np.ndarray
     alternative: tuple
     name: str
     other: str
+    solved: tuple = ()
+
+    def model_effects(self, others: Sequence) -> tuple:
+        """The effects of the model that holds the finding and the others."""
+        return self.solved or (*others, *self.own)
 
 
 def next_experiment(
@@ -116,13 +124,7 @@ def next_experiment(
     least_certain = sorted(
         doubtful, key=lambda term: (not term.finding.effects, term.finding.probability)
     )[:_ASKED]
-    asked = [(term, *_asked(bench, terms, term, problem, kinds)) for term in least_certain]
-    # a term that the recorded poses already decide needs no further experiment
-    undecided = []
-    for row in asked:
-        if row[-1] and row[-1][0][0]["samples_needed"] > 0:
-            undecided.append(row)
-    term, others, pair, rows = (undecided or asked)[0]
+    term, others, pair, rows = _first_undecided(bench, terms, least_certain, problem, kinds)
     if not rows:
         request = _confirmed(bench, term, refused) or _missing(doubtful) or _by_word(term)
         return _without_figures(request, untested)
@@ -132,6 +134,20 @@ def next_experiment(
     sentence = " ".join(filter(None, sentences))
     figures = tuple({k: v for k, v in row.items() if k != "poses"} for row, _ in rows)
     return Experiment(sentence, figures, scene, plan.listing(best["poses"]), robot)
+
+
+def _first_undecided(bench, terms, least_certain: Sequence[Term], problem: Problem, kinds):
+    """The least certain term that the recorded poses do not decide, with what `_asked` says of it.
+
+    The least certain of all where the poses decide all of them: no other experiment is needed then.
+    """
+    asked = []
+    for term in least_certain:
+        others, pair, rows = _asked(bench, terms, term, problem, kinds)
+        asked.append((term, others, pair, rows))
+        if rows and rows[0][0]["samples_needed"] > 0:
+            return asked[-1]
+    return asked[0]
 
 
 def _clean(bench, problem: Problem) -> str:
@@ -214,6 +230,9 @@ def _asked(bench, terms, term: Term, problem: Problem, kinds: Sequence[Candidate
         e for other_term in terms if other_term is not term for e in other_term.finding.effects
     )
     pair = _confounded_pair(term, problem) if bench.chain is not None else None
+    if pair is not None:
+        solved = tuple(effect for term in terms for effect in term.finding.effects)
+        pair = replace(pair, solved=solved)
     return others, pair, compared(bench, others, pair, kinds) if pair is not None else []
 
 
@@ -336,7 +355,7 @@ class _Fitted:
 
 
 def _fitted(bench, others, pair: ConfoundedPair) -> _Fitted:
-    solved, fit, _ = bench.solve((*others, *pair.own))
+    solved, fit, _ = bench.solve(pair.model_effects(others))
     effects = (*bench.baseline, *others, *pair.own, *pair.alternative)
     sigma = float(np.median(solved.sigma(fit.parameters)))
     return _Fitted(solved.chain, fit.parameters, effects, sigma)
@@ -355,7 +374,7 @@ def _information_gain(
     count = min(POSES, len(blocks))
     task = np.zeros((1, 1, rows.shape[2]))
     task[0, 0] = size / max(np.linalg.norm(size), 1e-300)
-    chosen = choose(blocks, count, "task", task, draws=20, known=known).chosen
+    chosen = choose(blocks, count, "task", task, draws=0, known=known).chosen
     extended = known + normal_of(blocks[chosen])
     now = _separation(known, size, places_of_term)
     then = _separation(extended, size, places_of_term)

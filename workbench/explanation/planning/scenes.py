@@ -26,7 +26,7 @@ def scene_of(bench, others, doubtful, plan, poses: int) -> tuple[dict | None, di
     recording = bench.recording
     if recording.measures not in KINDS:
         return None, None
-    model, fit, _ = bench.solve((*others, *doubtful.own))
+    model, fit, _ = bench.solve(doubtful.model_effects(others))
     values = fit.parameters
     robot = robot_keys(recording)
     keys = {

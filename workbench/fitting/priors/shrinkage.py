@@ -28,16 +28,23 @@ _MIN_SCALE, _MAX_SCALE = (
 )  # typical sizes: a prior of a family is never tighter, or looser where it has none
 
 
-def settled(model: Model, fit: Fit, loss: str, steps: int, only: np.ndarray | None = None) -> Fit:
+def settled(
+    model: Model,
+    fit: Fit,
+    loss: str,
+    steps: int,
+    only: np.ndarray | None = None,
+    with_shares: bool = True,
+) -> Fit:
     """The fit once more, with the priors of each family of effects as wide as its parameters turned out large.
 
-    only (P,) bool: parameters whose priors may change; None for all.
+    only (P,) bool: parameters whose priors may change; None for all. with_shares: as of `solve`.
     """
     normal = None if fit.gradient is None else fit.normal
     scaled = rescaled(model, fit.parameters, only, normal)
     if scaled is fit.parameters:
         return fit
-    return solve(model, scaled, loss, steps, fit)
+    return solve(model, scaled, loss, steps, fit, with_shares)
 
 
 def rescaled(
