@@ -10,6 +10,8 @@ from functools import cache
 
 import numpy as np
 
+from sensors.boards.homography import project
+
 DICTIONARY = "DICT_APRILTAG_36h11"
 NARROWEST_BORDER = 1 / 8
 """Share of a tag's side that its dark border takes at least: one module of eight."""
@@ -77,9 +79,15 @@ def is_flat(misfit_mm: float, marker: float) -> bool:
 
 def grid_points(columns: int, rows: int, marker: float, pitch: float) -> np.ndarray:
     """(2, N) mm of the corners of columns x rows tags, row after row from the top left, y down."""
-    horizontal = (pitch * np.arange(columns)[:, None] + np.array([0.0, marker])).ravel()
-    down = (pitch * np.arange(rows)[:, None] + np.array([0.0, marker])).ravel()
+    horizontal = _edges(columns, marker, pitch)
+    down = _edges(rows, marker, pitch)
     return np.stack([np.tile(horizontal, len(down)), np.repeat(down, len(horizontal))])
+
+
+def _edges(count: int, marker: float, pitch: float) -> np.ndarray:
+    """(2 count,) mm of both edges of each tag in a row or column of tags."""
+    first_edge = pitch * np.arange(count)[:, None]
+    return (first_edge + np.array([0.0, marker])).ravel()
 
 
 def is_enough(tags: Tags) -> bool:
@@ -111,5 +119,10 @@ def _misfit(points: np.ndarray, pixels: np.ndarray) -> float:
     matrix, _ = cv2.findHomography(pixels.T, points.T, 0)
     if matrix is None:
         return np.inf
-    u, v, w = matrix @ np.vstack([pixels, np.ones(pixels.shape[1])])
-    return float(np.sqrt(np.mean(np.sum((np.stack([u, v]) / w - points) ** 2, axis=0))))
+    return _rms_distance(project(matrix, pixels), points)
+
+
+def _rms_distance(points: np.ndarray, others: np.ndarray) -> float:
+    """RMS distance of points (2, k) from others (2, k)."""
+    squares = np.sum((points - others) ** 2, axis=0)
+    return float(np.sqrt(np.mean(squares)))

@@ -72,12 +72,16 @@ class Board:
     def points(self) -> np.ndarray:
         """(3, N) mm, z = 0: x along a row, y down the columns, row after row from corner 0."""
         if self.kind == "aprilgrid":
-            tags = self.columns // 2, self.rows // 2
-            flat = grid_points(*tags, self.marker_mm, self.square_mm)
-            return np.vstack([flat, np.zeros(self.count)])
+            return self._tag_corners()
         row, column = np.divmod(np.arange(self.count), self.columns)
         column_position = 2 * column + row % 2 if self.kind == "asymmetric-circles" else column
         return self.square_mm * np.stack([column_position, row, np.zeros_like(row)]).astype(float)
+
+    def _tag_corners(self) -> np.ndarray:
+        """(3, N) mm, the corners of all tags of an AprilGrid."""
+        tags = self.columns // 2, self.rows // 2
+        flat = grid_points(*tags, self.marker_mm, self.square_mm)
+        return np.vstack([flat, np.zeros(self.count)])
 
     @property
     def middle(self) -> np.ndarray:

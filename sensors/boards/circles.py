@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sensors.boards.homography import area_scale, project
 from sensors.boards.patches import Fit, disc_area, fit_discs
 
 ELLIPSE = 0.07
@@ -73,15 +74,26 @@ def _distinct_discs(rows: np.ndarray) -> np.ndarray:
 
 def _of_one_family(rows: np.ndarray) -> np.ndarray:
     """Only discs that have two or more of about their size within eight radii: a grid, and little else."""
-    places = rows[:2]
     area = rows[2]
     radius = np.sqrt(area / np.pi)[:, None]
-    distance = np.hypot(*(places[:, :, None] - places[:, None]))
+    distance = _pairwise_distances(rows[:2])
     is_near = (distance > 1.5 * radius) & (distance < 8 * radius)
     ratio = area[:, None] / area
     is_alike = np.abs(np.log(ratio)) < np.log(2)
     neighbours = (is_alike & is_near).sum(1)
     return rows[:, neighbours >= 2]
+
+
+def _pairwise_distances(points: np.ndarray) -> np.ndarray:
+    """(n, n) distances between the points (2, n)."""
+    return np.hypot(*(points[:, :, None] - points[:, None]))
+
+
+def _neighbour_distances(points: np.ndarray) -> np.ndarray:
+    """(n,) distance from each of the points (2, n) to its nearest neighbour."""
+    distance = _pairwise_distances(points)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(1)
 
 
 def grid_among(found: np.ndarray, columns: int, rows: int, asymmetric: bool) -> np.ndarray | None:
@@ -129,25 +141,23 @@ def is_flat(points: np.ndarray, pixels: np.ndarray) -> bool:
     """
     import cv2
 
-    h, _ = (
-        cv2.findHomography(points.T, pixels.T, cv2.RANSAC, 3.0)
-        if points.shape[1] >= 4
-        else (None, None)
-    )
+    if points.shape[1] < 4:
+        return False
+    h, _ = cv2.findHomography(points.T, pixels.T, cv2.RANSAC, 3.0)
     if h is None:
         return False
-    u, v, w = h @ np.vstack([points, np.ones(points.shape[1])])
-    residual = np.hypot(*(np.stack([u, v]) / w - pixels))
-    distance = np.hypot(*(pixels[:, :, None] - pixels[:, None])) + 1e9 * np.eye(len(residual))
-    return bool(np.mean(residual < 0.15 * np.median(distance.min(1)) + 2) > 0.9)
+    residual = np.hypot(*(project(h, points) - pixels))
+    step = np.median(_neighbour_distances(pixels))
+    return bool(np.mean(residual < 0.15 * step + 2) > 0.9)
 
 
 def refine(image: np.ndarray, discs: np.ndarray) -> Fit:
     """Centres and axes of chosen candidates (6, n) to a small part of a pixel."""
-    distance = np.hypot(*(discs[:2, :, None] - discs[:2, None])) + 1e9 * np.eye(discs.shape[1])
-    gap = distance.min(1) / 2 - np.sqrt(discs[2] / np.pi)
-    spread = np.array([[discs[3], discs[4]], [discs[4], discs[5]]])
-    return fit_discs(image, discs[:2], spread, gap)
+    centre = discs[:2]
+    area, xx, xy, yy = discs[2:]
+    gap = _neighbour_distances(centre) / 2 - np.sqrt(area / np.pi)
+    spread = np.array([[xx, xy], [xy, yy]])
+    return fit_discs(image, centre, spread, gap)
 
 
 def radius_mm(fit: Fit, points: np.ndarray) -> float:
@@ -160,9 +170,9 @@ def radius_mm(fit: Fit, points: np.ndarray) -> float:
 
     is_usable = fit.good
     h = cv2.findHomography(points.T[is_usable], fit.centre.T[is_usable], 0)[0]
-    depth = h[2, :2] @ points + h[2, 2]
-    scale = np.abs(np.linalg.det(h) / depth**3)
-    return float(np.median(np.sqrt(disc_area(fit) / np.pi / scale)[is_usable]))
+    scale = area_scale(h, points)
+    radius = np.sqrt(disc_area(fit) / np.pi / scale)
+    return float(np.median(radius[is_usable]))
 
 
 def centre_shift(points: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:

@@ -187,29 +187,35 @@ def _of_one_size(found: list) -> list:
 def _of_another_size(board: Board, views: tuple[View, ...], rejected: tuple[Rejected, ...]) -> bool:
     """Whether no image shows every column and row as written, and more show a whole board of another size than not:
     a board of fewer columns near the image's edge passes for one that is cut there."""
-    has_full_size = any(
-        len(set((view.index % board.columns).tolist())) == board.columns
-        and len(set((view.index // board.columns).tolist())) == board.rows
-        for view in views
-    )
-    return not has_full_size and sum(rejection.found is not None for rejection in rejected) > len(
-        views
-    )
+    if any(_shows_full_size(view, board) for view in views):
+        return False
+    other_sizes = sum(rejection.found is not None for rejection in rejected)
+    return other_sizes > len(views)
+
+
+def _shows_full_size(view: View, board: Board) -> bool:
+    """Whether some corner of every column and of every row is seen."""
+    row, column = np.divmod(view.index, board.columns)
+    return len(np.unique(column)) == board.columns and len(np.unique(row)) == board.rows
 
 
 def _nothing(where: str, board: Board, rejected: tuple[Rejected, ...], count: int) -> InputError:
     """The sentence where no image shows the board: the size that most of them do show, else the first reason."""
     sizes = [r.found for r in rejected if r.found]
     if sizes:
-        size = max(set(sizes), key=sizes.count)
-        return InputError(
-            f"{where}: expected {board.title} as written there in the images, "
-            f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
-            "correct columns and rows"
-        )
+        return _wrong_size(where, board, sizes, count)
     return InputError(
         f"{where}: expected a {board.title} in the images, found it in none of {count} "
         f"({rejected[0]}); correct the board or take the images again"
+    )
+
+
+def _wrong_size(where: str, board: Board, sizes: list[tuple[int, int]], count: int) -> InputError:
+    size = max(set(sizes), key=sizes.count)
+    return InputError(
+        f"{where}: expected {board.title} as written there in the images, "
+        f"found {size[0]} x {size[1]} in {sizes.count(size)} of {count}; "
+        "correct columns and rows"
     )
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sensors.boards import aprilgrid, circles
+from sensors.boards.homography import project
 from sensors.boards.patches import STEPS, Fit, fit_saddles
 
 if TYPE_CHECKING:
@@ -44,16 +45,13 @@ def find(image: np.ndarray, board: "Board") -> Found:
 
 def refine(image: np.ndarray, board: "Board", found: Found) -> tuple[np.ndarray, Fit, float]:
     """Index (k,), fitted places in the image (H, W) float, and the discs' radius in mm (0 for corners)."""
+    points = board.points[:2, found.index]
     if found.discs is not None:
         fit = circles.refine(image, found.discs)
-        enough = fit.good.sum() >= 4
-        return (
-            found.index,
-            fit,
-            circles.radius_mm(fit, board.points[:2, found.index]) if enough else 0.0,
-        )
+        has_homography = fit.good.sum() >= 4
+        return found.index, fit, circles.radius_mm(fit, points) if has_homography else 0.0
     step, rim = _saddle_size(board)
-    row_step, down = _steps(board.points[:2, found.index], found.pixels, step)
+    row_step, down = _steps(points, found.pixels, step)
     return found.index, fit_saddles(image, found.pixels, row_step, down, rim), 0.0
 
 
@@ -72,13 +70,8 @@ def _steps(points: np.ndarray, pixels: np.ndarray, step: float) -> tuple[np.ndar
     import cv2
 
     h = cv2.findHomography(points.T, pixels.T, 0)[0]
-
-    def project(p):
-        u, v, w = h @ np.vstack([p, np.ones(p.shape[1])])
-        return np.stack([u, v]) / w
-
     shift = step / 2 * np.eye(2)[:, :, None]
-    return tuple(project(points + s) - project(points - s) for s in shift)
+    return tuple(project(h, points + s) - project(h, points - s) for s in shift)
 
 
 # Chessboards
@@ -205,15 +198,22 @@ def _goes_on(image: np.ndarray, places: tuple[np.ndarray, ...], inner: Fit) -> b
 
     A fit where no corner is never settles; that most of them are none shows after a few steps.
     """
-    usual = np.median(np.abs(inner.values[:, 6]))
-    sigma = np.median(inner.sigma)
+    start, _, down = places
     for steps in (_FEW_STEPS, STEPS):
         fit = fit_saddles(image, *places, steps=steps)
-        is_near_start = np.hypot(*(fit.centre - places[0])) < 0.25 * np.hypot(*places[2])
-        like = (np.abs(fit.values[:, 6]) > 0.5 * usual) & (fit.sigma < 3 * sigma)
-        if (fit.good & is_near_start & like).mean() <= CONTINUES:
+        is_near_start = np.hypot(*(fit.centre - start)) < 0.25 * np.hypot(*down)
+        is_corner = fit.good & is_near_start & _is_alike(fit, inner)
+        if is_corner.mean() <= CONTINUES:
             return False
     return True
+
+
+def _is_alike(fit: Fit, inner: Fit) -> np.ndarray:
+    """(n,) whether saddles have about the contrast and the standard deviation of the inner ones."""
+    contrast = np.abs(fit.values[:, 6])
+    inner_contrast = np.median(np.abs(inner.values[:, 6]))
+    inner_sigma = np.median(inner.sigma)
+    return (contrast > 0.5 * inner_contrast) & (fit.sigma < 3 * inner_sigma)
 
 
 def _chess_frame(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -147,11 +147,16 @@ def disc_area(fit: Fit) -> np.ndarray:
 
 def _checked(fit: Fit, start: np.ndarray, reach: np.ndarray, contrast: np.ndarray) -> Fit:
     """`good` only where the place stayed near its start and the mark stands out of what is left."""
-    is_near_start = np.hypot(*(fit.centre - start)) < 0.5 * reach
     rms = fit.values[:, -1]
+    is_near_start = np.hypot(*(fit.centre - start)) < 0.5 * reach
     has_contrast = np.abs(contrast) > CLEAR * rms
-    known = np.isfinite(fit.sigma) & (fit.sigma < 0.5)
-    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], is_near_start & has_contrast & known)
+    good = is_near_start & has_contrast & _is_determined(fit.sigma)
+    return Fit(fit.centre, fit.sigma, fit.values[:, :-1], good)
+
+
+def _is_determined(sigma: np.ndarray) -> np.ndarray:
+    """Whether standard deviations in px are finite and below half a pixel."""
+    return np.isfinite(sigma) & (sigma < 0.5)
 
 
 def _patches(image, centres, reach, inner_radius=None):
@@ -229,12 +234,10 @@ def _size(blur):
 def _edge(angle, ux, uy, size, sign):
     from scipy.special import erf
 
-    d = sign * (np.cos(angle) * uy - np.sin(angle) * ux)
-    return (
-        erf(d / (np.sqrt(2) * size)),
-        np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (d / size) ** 2),
-        d,
-    )
+    distance = sign * (np.cos(angle) * uy - np.sin(angle) * ux)
+    height = erf(distance / (np.sqrt(2) * size))
+    slope = np.sqrt(2 / np.pi) / size * np.exp(-0.5 * (distance / size) ** 2)
+    return height, slope, distance
 
 
 def _disc(p: np.ndarray, spots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -364,13 +367,15 @@ def _solved(matrices, right):
     try:
         return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        flat = np.abs(np.linalg.slogdet(matrices)[0]) == 0
-        regular = np.where(flat[:, None, None], np.eye(right.shape[1]), matrices)
-        return (
-            np.where(flat[:, None], 0, _solved(regular, right))
-            if flat.any()
-            else np.zeros_like(right)
-        )
+        return _solved_where_regular(matrices, right)
+
+
+def _solved_where_regular(matrices, right):
+    is_singular = np.abs(np.linalg.slogdet(matrices)[0]) == 0
+    if not is_singular.any():
+        return np.zeros_like(right)
+    regular = np.where(is_singular[:, None, None], np.eye(right.shape[1]), matrices)
+    return np.where(is_singular[:, None], 0, _solved(regular, right))
 
 
 def _normal(model, p, spots, grey, weight):

@@ -253,7 +253,8 @@ def _sum_of_squares(grams: np.ndarray, change: np.ndarray, errors: np.ndarray) -
     solution = np.concatenate([changes, errors, np.ones((count, 1))], 1)
     squares = np.einsum("pi,pij,pj->", solution, grams, solution)
     terms = np.einsum("pi,pii->p", solution**2, grams).sum()
-    return float(max(squares, _ROUNDING * terms))
+    rounding = _ROUNDING * terms
+    return float(max(squares, rounding))
 
 
 def solve_equal(model_grams, parameters: Parameters, noise: float, sigma: np.ndarray) -> Linear:

@@ -63,13 +63,17 @@ def hand_eye_from_centres(
     flange = checked_flange(centres.flange, "ball centres")
     if centres.is_stationary:
         flange = inverse(flange)
-    if centres.points.shape[1] < _MIN_POSES:
-        raise InputError(
-            f"ball centres: expected at least {_MIN_POSES} poses, found {centres.points.shape[1]}; take more, with "
-            "rotations about two axes"
-        )
+    _check_pose_count(centres.points.shape[1])
     solution = _solve(centres.points, flange, centres.ball)
     return _result(centres, solution, radius, residual_mm)
+
+
+def _check_pose_count(count: int) -> None:
+    if count < _MIN_POSES:
+        raise InputError(
+            f"ball centres: expected at least {_MIN_POSES} poses, found {count}; take more, with "
+            "rotations about two axes"
+        )
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,9 @@ class _Solution:
 
 def _solve(points, flange, ball) -> _Solution:
     rotations = start_rotations()
-    best = np.argsort(_start_costs(rotations, points, flange, ball))[:_STARTS]
-    candidates = [_descend(rotations[k], points, flange, ball, _FIRST_STEPS) for k in best]
+    costs = _start_costs(rotations, points, flange, ball)
+    best = rotations[np.argsort(costs)[:_STARTS]]
+    candidates = [_descend(rotation, points, flange, ball, _FIRST_STEPS) for rotation in best]
     candidates.sort(key=_squares)
     solutions = [
         _descend(solution.rotation, points, flange, ball, _STEPS)

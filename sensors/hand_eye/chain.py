@@ -69,6 +69,12 @@ def pose_table(where: str, body: str) -> list[Parameter]:
     ]
 
 
+def _camera_mode(number: int) -> Parameter:
+    """A component of the camera's covariance, numbered from 1; its size is in standard deviations."""
+    words = f"the camera, component {number} of its covariance"
+    return Parameter(f"camera.mode-{number}", "1", 0.0, 1.0, words, 1.0)
+
+
 @dataclass(frozen=True)
 class BoardChain:
     """Corners or circles of a board: pixels (2, n) of board points (3, n) mm, at poses (n,).
@@ -112,17 +118,7 @@ class BoardChain:
         table.append(
             Parameter("target.scale", "1", 0.0, SCALE, "the board: scale of its squares", SCALE)
         )
-        table += [
-            Parameter(
-                f"camera.mode-{k}",
-                "1",
-                0.0,
-                1.0,
-                f"the camera, component {k} of its covariance",
-                1.0,
-            )
-            for k in range(1, self.modes.shape[1] + 1)
-        ]
+        table += [_camera_mode(number) for number in range(1, self.modes.shape[1] + 1)]
         return Parameters.of(table)
 
     @property
@@ -253,9 +249,11 @@ class BallChain:
 
     def centres(self, values: np.ndarray) -> np.ndarray:
         """(P, 3) mm, the ball in the profiler's frame at every pose."""
+        rotation = self.flange[:, :3, :3]
         displacement = values[6:9] - self.flange[:, :3, 3] - self.errors[:, :3]
-        local = np.einsum("pji,pj->pi", self.flange[:, :3, :3], displacement) - values[:3]
-        return local @ rotation_matrix(values[3:6])
+        in_flange = np.einsum("pji,pj->pi", rotation, displacement)
+        from_sensor = in_flange - values[:3]
+        return from_sensor @ rotation_matrix(values[3:6])
 
     def evaluate(self, values: np.ndarray, deltas=None) -> Evaluation:
         """Residual (1, n) mm, predicted minus measured, and its derivatives at shared `values`."""
@@ -285,9 +283,11 @@ class BallChain:
 
     def distances(self, values: np.ndarray) -> np.ndarray:
         """(n,) mm, of the points from the surface of the ball, outside positive, robot held exact."""
-        centre = replace(self, errors=np.zeros_like(self.errors)).centres(values)[self.pose]
+        exact_robot = replace(self, errors=np.zeros_like(self.errors))
+        centre = exact_robot.centres(values)[self.pose]
         lateral, axial = self._seen(values) - centre[:, [0, 2]].T
-        return np.sqrt(lateral**2 + axial**2 + centre[:, 1] ** 2) - values[9]
+        from_centre = np.sqrt(lateral**2 + axial**2 + centre[:, 1] ** 2)
+        return from_centre - values[9]
 
     def _seen(self, values):
         """(2, n) points with the scale of z put right: the profiler reads (1 + scale) times the true z."""

@@ -119,7 +119,8 @@ def _best(chain, parameters, first, max_blunders, is_scale_tried):
     scaled = find_blunders(
         chain, with_scale.parameters.free(_SCALE), with_scale.variances, max_blunders
     )
-    before, after = (_predicted(chain, found) for found in (without_scale, scaled))
+    before = _predicted(chain, without_scale)
+    after = _predicted(chain, scaled)
     scale = scaled[0].parameters[_SCALE]
     sigma = _scale_sigma(scaled[0])
     is_kept = _is_reduced(before, after, abs(scale) > _CERTAIN * sigma)
@@ -151,13 +152,16 @@ def _is_reduced(before: np.ndarray, after: np.ndarray, is_certain: bool) -> bool
     return is_certain or gain.mean() > _PAIRED_T * gain.std(ddof=1) / np.sqrt(len(gain))
 
 
-def _predicted(chain, found) -> np.ndarray:
+def _predicted(chain, adjustment) -> np.ndarray:
     """(P,) px^2, mean square of each pose predicted from the others; nan for those that were left out for good."""
     squares = np.full(len(chain.flange), np.nan)
-    for k, pose in found[1].items():
-        if k not in found[2]:
-            residual = chain.at(np.flatnonzero(chain.pose == k)).evaluate(pose.values).residual
-            squares[k] = (residual**2).sum(0).mean()
+    _, pose_fits, left_out = adjustment
+    for k, fit in pose_fits.items():
+        if k in left_out:
+            continue
+        of_pose = chain.at(np.flatnonzero(chain.pose == k))
+        residual = of_pose.evaluate(fit.values).residual
+        squares[k] = (residual**2).sum(0).mean()
     return squares
 
 
@@ -300,28 +304,30 @@ def _same_way_round(views, board, points, camera, flange, kind):
 
 def _pivot(pivot, chain, start, points):
     """(P, 3) mm, of every pose, in the base; on the flange for "to-hand"."""
+    count = len(chain.flange)
     if pivot == "flange":
-        return (
-            chain.flange[:, :3, 3] if chain.kind == "in-hand" else np.zeros((len(chain.flange), 3))
-        )
+        return chain.flange[:, :3, 3] if chain.kind == "in-hand" else np.zeros((count, 3))
     board = placement(start[6:])
-    return np.tile(board[:3, :3] @ points.mean(1) + board[:3, 3], (len(chain.flange), 1))
+    board_middle = board[:3, :3] @ points.mean(1) + board[:3, 3]
+    return np.tile(board_middle, (count, 1))
 
 
 def _root(covariance):
     """(V, M) with root root' = covariance, without the directions that are known exactly."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = symmetric_eigen(covariance / np.outer(scale, scale))
-    real = values > 1e-12
-    return scale[:, None] * vectors[:, real] * np.sqrt(values[real])
+    correlation = covariance / np.outer(scale, scale)
+    values, vectors = symmetric_eigen(correlation)
+    is_uncertain = values > 1e-12
+    return scale[:, None] * vectors[:, is_uncertain] * np.sqrt(values[is_uncertain])
 
 
 def _noise(chain, seen):
     """px, of one coordinate, by which each board misses its own image."""
-    placed = (
-        np.einsum("nij,jn->in", seen[chain.pose, :3, :3], chain.board) + seen[chain.pose, :3, 3].T
-    )
-    return max(float(np.sqrt(np.mean((chain.camera.project(placed) - chain.pixels) ** 2))), 1e-4)
+    board_pose = seen[chain.pose]
+    rotated = np.einsum("nij,jn->in", board_pose[:, :3, :3], chain.board)
+    corners = rotated + board_pose[:, :3, 3].T
+    error = chain.camera.project(corners) - chain.pixels
+    return max(float(np.sqrt(np.mean(error**2))), 1e-4)
 
 
 def _reach(seen):

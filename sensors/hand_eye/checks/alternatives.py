@@ -107,9 +107,12 @@ def _scale_words(scale, std, nouns: Nouns):
 
 
 def _with_std(value, std):
-    digits = int(np.clip(1 - np.floor(np.log10(max(std, 1e-12))), 0, 6))
-    digits = max(digits, 2) if value < 100 else digits
-    return f"{value:.{digits}f} ± {max(std, 10.0**-digits):.{digits}f}"
+    decade = np.floor(np.log10(max(std, 1e-12)))
+    digits = int(np.clip(1 - decade, 0, 6))
+    if value < 100:
+        digits = max(digits, 2)
+    least_std = 10.0**-digits
+    return f"{value:.{digits}f} ± {max(std, least_std):.{digits}f}"
 
 
 def change_alternatives(data: PoseData, recorded: PoseFit, named) -> list[Alternative]:

@@ -115,13 +115,12 @@ class _WithDependence:
 
     def extended(self, parameters: Parameters) -> Parameters:
         """The parameters (P) and those of the columns, which are free and start at zero."""
-        table = list(parameters.table)
         count = len(self.columns)
-        table += [Parameter(f"dependence.{k}", "px", 0.0, _TYPICAL_PX, "") for k in range(count)]
-        extended_table = replace(
-            Parameters.of(table), values=np.concatenate([parameters.values, np.zeros(count)])
-        )
-        return extended_table.only(np.concatenate([parameters.mask, np.ones(count, bool)]))
+        added = [Parameter(f"dependence.{k}", "px", 0.0, _TYPICAL_PX, "") for k in range(count)]
+        table = Parameters.of([*parameters.table, *added])
+        values = np.concatenate([parameters.values, np.zeros(count)])
+        mask = np.concatenate([parameters.mask, np.ones(count, bool)])
+        return replace(table, values=values).only(mask)
 
 
 def camera_dependence(adjusted: Adjusted, conditions: Conditions) -> CameraDependence | None:

@@ -136,8 +136,10 @@ def scattered(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.nd
     for "to-hand", seen (P, 4, 4) T_camera_board.
     """
     placed = flange @ placement(values) @ seen
-    deviations_of_board = LEVER * rotation_vector(_from_mean(placed[:, :3, :3])[1])
-    return np.hstack([_centred(placed[:, :3, 3]), deviations_of_board]).ravel()
+    _, rotations_from_mean = _from_mean(placed[:, :3, :3])
+    by_rotation = LEVER * rotation_vector(rotations_from_mean)
+    by_origin = _centred(placed[:, :3, 3])
+    return np.hstack([by_origin, by_rotation]).ravel()
 
 
 def scattered_derivative(values: np.ndarray, flange: np.ndarray, seen: np.ndarray) -> np.ndarray:

@@ -80,9 +80,10 @@ def _jackknife_std(chain, model_grams, parameters, found) -> np.ndarray:
         restricted_likelihood(chain, without_pose(model_grams, k), parameters, found).spread
         for k in used
     ]
-    squares = np.square(others)
+    variances = np.square(others)
     count = len(used)
-    return np.sqrt((count - 1) / count * ((squares - squares.mean(0)) ** 2).sum(0))
+    sum_of_squares = ((variances - variances.mean(0)) ** 2).sum(0)
+    return np.sqrt((count - 1) / count * sum_of_squares)
 
 
 def _variance_std(model_grams, parameters, noise: float, spread: np.ndarray) -> np.ndarray:
