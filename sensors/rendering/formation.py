@@ -122,13 +122,19 @@ def _wrapped_blur(field, sigma):
     """A blur that leaves the variance at the borders as it is in the middle."""
     from kornia.filters import gaussian_blur2d
 
-    side = min(2 * int(np.ceil(_SPREAD * sigma)) + 1, 2 * (min(field.shape) // 2) - 1)
-    side = max(side, 1)
+    side = _kernel_side(sigma, min(field.shape))
     with full_precision():
         smooth = gaussian_blur2d(
             field[None, None], (side, side), (sigma, sigma), border_type="circular"
         )
     return smooth[0, 0]
+
+
+def _kernel_side(sigma: float, shorter_side: int) -> int:
+    """px, odd: of a kernel that holds the blur, as far as it is smaller than the field."""
+    wanted = 2 * int(np.ceil(_SPREAD * sigma)) + 1
+    largest = 2 * (shorter_side // 2) - 1
+    return max(min(wanted, largest), 1)
 
 
 def vignetted(light, camera, power: float):
@@ -138,6 +144,12 @@ def vignetted(light, camera, power: float):
     """
     if not power:
         return light
+    length = _pinhole_rays(light, camera).norm(dim=-1)
+    return light * length**-power
+
+
+def _pinhole_rays(light, camera):
+    """(H, W, 3) rays of the pixels of an image `light` (H, W), of depth 1."""
     import torch
     from kornia.geometry import create_meshgrid
     from kornia.geometry.camera import unproject_points
@@ -146,25 +158,30 @@ def vignetted(light, camera, power: float):
     pixels = create_meshgrid(height, width, normalized_coordinates=False, device=light.device)[0]
     matrix = torch.as_tensor(camera.matrix, dtype=light.dtype, device=light.device)
     depth = torch.ones((height, width, 1), dtype=light.dtype, device=light.device)
-    rays = unproject_points(pixels.to(light.dtype), depth, matrix[None, None])
-    return light * rays.norm(dim=-1) ** -power
+    return unproject_points(pixels.to(light.dtype), depth, matrix[None, None])
 
 
 def bloomed(light, chip: Chip):
     """(H, W) electrons after charge beyond the full well has spilled along the columns, up and down alike."""
     if not chip.blooming:
         return light
-    import torch
     from kornia.filters import filter2d
 
     excess = (light - chip.full_well_e).clamp_min(0)
-    reach = int(np.ceil(5 * chip.spill_px))
-    distance = torch.arange(-reach, reach + 1, device=light.device).abs()
-    kernel = torch.exp(-distance / chip.spill_px) * (distance > 0)
-    kernel = (kernel / kernel.sum())[None, :, None]
+    kernel = _spill_kernel(chip.spill_px, light.device)
     with full_precision():
         spilled = filter2d(excess[None, None], kernel, border_type="constant")[0, 0]
     return light + chip.blooming * spilled
+
+
+def _spill_kernel(spill_px: float, device):
+    """(1, k, 1) shares of the spilled charge that the pixels above and below receive, 0 for the pixel itself."""
+    import torch
+
+    reach = int(np.ceil(5 * spill_px))
+    distance = torch.arange(-reach, reach + 1, device=device).abs()
+    kernel = torch.exp(-distance / spill_px) * (distance > 0)
+    return (kernel / kernel.sum())[None, :, None]
 
 
 def develop(light, chip: Chip, random, spread=None) -> np.ndarray:

@@ -69,9 +69,10 @@ def _on_image(instrument: Instrument, stage: Stage, received: np.ndarray):
     """(H, W) tensor with the light (n,) of the stage's pixels in electrons."""
     import torch
 
-    height, width = stage.canvas.shape
-    image = torch.zeros(height * width, device=formation.device())
-    scale = instrument.laser.peak * instrument.chip.full_well_e
-    place = torch.as_tensor(stage.flat, device=image.device)
-    image[place] = torch.as_tensor(received * scale, dtype=torch.float32, device=image.device)
-    return stage.canvas.crop(image.reshape(height, width))
+    device = formation.device()
+    canvas = stage.canvas
+    image = torch.zeros(canvas.shape, device=device)
+    electrons = received * (instrument.laser.peak * instrument.chip.full_well_e)
+    place = torch.as_tensor(stage.flat, device=device)
+    image.view(-1)[place] = torch.as_tensor(electrons, dtype=torch.float32, device=device)
+    return canvas.crop(image)

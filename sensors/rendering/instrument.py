@@ -128,23 +128,26 @@ class Instrument:
 
     def light_planes(self, state, moment: Moment) -> np.ndarray:
         """(5, n) normal, offset and curvature of the light plane at each observation of `state`."""
-        causes = moment.causes
-        planes = state.planes
-        if self.mirror is not None and causes.acts_on("mirror"):
-            planes = self.mirror.planes(state.mirror + causes.delta("mirror", state)[0])
-        planes_here = np.vstack([planes, np.zeros(state.n)])
-        return (
-            planes_here + causes.delta("plane", state) if causes.acts_on("plane") else planes_here
-        )
+        flat = self._flat_planes(state, moment.causes)
+        planes = np.vstack([flat, np.zeros(state.n)])
+        if moment.causes.acts_on("plane"):
+            return planes + moment.causes.delta("plane", state)
+        return planes
+
+    def _flat_planes(self, state, causes) -> np.ndarray:
+        """(4, n) planes of the mirror at the angles that it really has."""
+        if self.mirror is None or not causes.acts_on("mirror"):
+            return state.planes
+        return self.mirror.planes(state.mirror + causes.delta("mirror", state)[0])
 
     def light(self, index: int) -> np.ndarray | None:
         """(3,) mm where the light of a step seems to come from: the source's image in the mirror."""
-        if self.laser.source is None or self.mirror is None:
-            return self.laser.source
-        mirror = self.mirror
+        source, mirror = self.laser.source, self.mirror
+        if source is None or mirror is None:
+            return source
         face = mirror.normals(self.angles[index : index + 1])[:, 0]
-        past_mirror = face @ (self.laser.source - mirror.point) - mirror.offset
-        return self.laser.source - 2 * past_mirror * face
+        past_mirror = face @ (source - mirror.point) - mirror.offset
+        return source - 2 * past_mirror * face
 
 
 def sweeping_mirror(

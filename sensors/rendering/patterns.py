@@ -65,10 +65,16 @@ class Pattern:
     def _squares(self, x, y, width):
         """Share of ink; x, y and width in squares."""
         checks = (1 + _wave(x, width) * _wave(y, width)) / 2
-        board = self.board
-        edge = np.minimum(np.minimum(x + 1, board.columns - x), np.minimum(y + 1, board.rows - y))
-        ink = checks * _step(edge, width)
-        return ink if board.kind == "chessboard" else np.maximum(ink, self._markers(x, y, width))
+        ink = checks * _step(self._to_edge(x, y), width)
+        if self.board.kind == "chessboard":
+            return ink
+        return np.maximum(ink, self._markers(x, y, width))
+
+    def _to_edge(self, x, y):
+        """(n,) squares to the nearest edge of the pattern, negative beyond it."""
+        horizontal = np.minimum(x + 1, self.board.columns - x)
+        vertical = np.minimum(y + 1, self.board.rows - y)
+        return np.minimum(horizontal, vertical)
 
     def _markers(self, x, y, width):
         """Ink of the ArUco markers in the light squares, from a table of their bits."""
@@ -90,13 +96,13 @@ class Pattern:
     def _aruco(self):
         import cv2
 
-        names = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.board.dictionary))
-        size = (self.board.columns + 1, self.board.rows + 1)
-        board = cv2.aruco.CharucoBoard(
-            size, 1.0, self.board.marker_mm / self.board.square_mm, names
-        )
-        board.setLegacyPattern(bool(self.board.legacy))
-        return board, names
+        board = self.board
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+        squares = (board.columns + 1, board.rows + 1)
+        marker = board.marker_mm / board.square_mm
+        charuco = cv2.aruco.CharucoBoard(squares, 1.0, marker, dictionary)
+        charuco.setLegacyPattern(bool(board.legacy))
+        return charuco, dictionary
 
     @cached_property
     def _table(self):
@@ -134,22 +140,20 @@ def _circles(board, x, y, width, radius):
     """Share of ink of discs of `radius` steps around the board's points."""
     step = board.square_mm
     row = np.clip(np.round(y / step), 0, board.rows - 1)
-    if board.kind == "asymmetric-circles":  # the nearest may be of the row above or below
-        row_distances = [
-            _nearest(board, x, y, np.clip(row + k, 0, board.rows - 1)) for k in (-1, 0, 1)
-        ]
-        distance = np.minimum(np.minimum(row_distances[0], row_distances[1]), row_distances[2])
-    else:
-        distance = _nearest(board, x, y, row)
-    return _step(radius * step - distance, width)
+    # Of an asymmetric grid the nearest may be of the row above or below.
+    offsets = (-1, 0, 1) if board.kind == "asymmetric-circles" else (0,)
+    distances = [_nearest(board, x, y, row + k) for k in offsets]
+    return _step(radius * step - np.min(distances, axis=0), width)
 
 
 def _nearest(board, x, y, row):
-    """(n,) mm to the nearest point of the board in these rows."""
+    """(n,) mm to the nearest point of the board in these rows, or in its first or last row beyond it."""
+    step = board.square_mm
+    row = np.clip(row, 0, board.rows - 1)
     spread = 2 if board.kind == "asymmetric-circles" else 1
     shift = row % 2 if spread == 2 else 0
-    column = np.clip(np.round((x / board.square_mm - shift) / spread), 0, board.columns - 1)
-    return np.hypot(x - board.square_mm * (spread * column + shift), y - board.square_mm * row)
+    column = np.clip(np.round((x / step - shift) / spread), 0, board.columns - 1)
+    return np.hypot(x - step * (spread * column + shift), y - step * row)
 
 
 def _texture(bits, number, u, v, width):

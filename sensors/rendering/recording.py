@@ -107,16 +107,21 @@ def make_recording(
 
 def _places(scene: Scene, stations: Stations | None) -> tuple[np.ndarray, np.ndarray]:
     """Poses (G, 6) of the board and of the artefact in the camera frame."""
-    rng = np.random.default_rng((scene.seed, 1))
-    boards = board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
     if stations is None:
-        middles = np.array(scene.balls)[:, :3].T if scene.balls else np.zeros((3, 1))
-        return boards, artefact_poses(
-            scene.scans, middles, scene.sees, np.random.default_rng((scene.seed, 2))
-        )
-    if stations.boards is not None:
-        boards = _six(stations.boards)
+        return _drawn_boards(scene), _drawn_artefacts(scene)
+    boards = _drawn_boards(scene) if stations.boards is None else _six(stations.boards)
     return boards, _six(inverse(np.asarray(stations.poses)))
+
+
+def _drawn_boards(scene: Scene) -> np.ndarray:
+    rng = np.random.default_rng((scene.seed, 1))
+    return board_poses(scene.placements, scene.board.pattern, scene.sees, rng)
+
+
+def _drawn_artefacts(scene: Scene) -> np.ndarray:
+    rng = np.random.default_rng((scene.seed, 2))
+    centres = np.array(scene.balls)[:, :3].T if scene.balls else np.zeros((3, 1))
+    return artefact_poses(scene.scans, centres, scene.sees, rng)
 
 
 def _six(poses: np.ndarray) -> np.ndarray:
@@ -203,14 +208,18 @@ def _artefact(scene, pose, moment) -> tuple[Surface, ...]:
 
 
 def _in_view(centre, radius, camera) -> bool:
-    corners = camera.rays(
-        np.array([[0, 1, 0, 1], [0, 0, 1, 1.0]]) * (np.array(camera.size)[:, None] - 1)
-    )
     distance = np.linalg.norm(centre)
     if distance <= radius:
         return True
-    widest = np.arccos(corners[2].min()) + np.arcsin(radius / distance)
+    widest = _half_field(camera) + np.arcsin(radius / distance)
     return bool(centre[2] / distance > np.cos(min(widest, np.pi)))
+
+
+def _half_field(camera) -> float:
+    """rad, from the optical axis to the farthest corner of the image."""
+    last_pixel = np.array(camera.size)[:, None] - 1
+    corners = np.array([[0, 1, 0, 1], [0, 0, 1, 1.0]]) * last_pixel
+    return np.arccos(camera.rays(corners)[2].min())
 
 
 def _mesh(file):

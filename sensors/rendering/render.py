@@ -118,21 +118,20 @@ def _nearest_depth(depth):
 def _corners(instrument, surfaces, canvas, moment):
     """Lamp light (H + 1, W + 1) at the corners of the canvas's pixels, and what is seen there."""
     height, width = canvas.shape
-    down, column = np.meshgrid(np.arange(height + 1.0), np.arange(width + 1.0), indexing="ij")
-    places = np.stack([column.ravel(), down.ravel()]) - 0.5 - canvas.margin
-    seen = sight.look(instrument, surfaces, places, moment)
+    corners = sight.grid(np.arange(width + 1.0), np.arange(height + 1.0))
+    seen = sight.look(instrument, surfaces, corners - 0.5 - canvas.margin, moment)
     return _lamp(instrument, surfaces, seen, 16).reshape(height + 1, width + 1), seen
 
 
 def _lamp(instrument, surfaces, seen, oversampling):
     """(n,) reflectance times the cosine of the lamp's incidence; the background's where nothing is seen."""
+    lamp = instrument.lamp
     rays = seen.points / np.sqrt((seen.points**2).sum(0))
-    to_lamp = -rays if instrument.lamp.towards is None else _unit(instrument.lamp.towards)
+    to_lamp = -rays if lamp.towards is None else _unit(lamp.towards)
     cosine = (to_lamp * sight.normals(surfaces, seen)).sum(0)
-    light = sight.albedo(surfaces, seen, 1 / (instrument.camera.fx * oversampling)) * np.maximum(
-        cosine, 0
-    )
-    return np.where(seen.surface >= 0, light, instrument.lamp.background)
+    pixel_angle = 1 / (instrument.camera.fx * oversampling)
+    light = sight.albedo(surfaces, seen, pixel_angle) * np.maximum(cosine, 0)
+    return np.where(seen.surface >= 0, light, lamp.background)
 
 
 def _unit(direction) -> np.ndarray:
@@ -156,10 +155,8 @@ def _even(corners, surface, top):
 def _canvas(instrument, surfaces, moment) -> Canvas:
     """With the margin that blur needs at the depths of this scene."""
     width, height = instrument.camera.size
-    column, down = np.meshgrid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
-    depth = sight.look(
-        instrument, surfaces, np.stack([column.ravel(), down.ravel()]), moment
-    ).points[2]
+    pixels = sight.grid(np.linspace(0, width - 1, 33), np.linspace(0, height - 1, 33))
+    depth = sight.look(instrument, surfaces, pixels, moment).points[2]
     return Canvas(width, height, formation.margin(instrument.optics, depth) + 1)
 
 

@@ -33,34 +33,42 @@ def look(
         moment = replace(moment, focus=_focus_depth(instrument.camera, surfaces))
     starts = range(0, max(pixels.shape[1], 1), _BLOCK)
     blocks = [_look(instrument, surfaces, pixels[:, k : k + _BLOCK], moment) for k in starts]
-    return Seen(
-        np.concatenate([p.points for p in blocks], 1), np.concatenate([p.surface for p in blocks])
-    )
+    points = np.concatenate([block.points for block in blocks], 1)
+    surface = np.concatenate([block.surface for block in blocks])
+    return Seen(points, surface)
 
 
 def _focus_depth(camera, surfaces: Sequence[Surface]) -> float:
     """mm, mean depth of what a grid over the whole image sees, nan where nothing is."""
     width, height = camera.size
-    grid = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
-    depth = _nearest(surfaces, camera.rays(np.stack(grid).reshape(2, -1))).points[2]
+    pixels = grid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    depth = _nearest(surfaces, camera.rays(pixels)).points[2]
     depth = depth[np.isfinite(depth)]
     return float(depth.mean()) if depth.size else np.nan
 
 
+def grid(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(2, n) px, column and row of the points of a grid, row after row."""
+    return np.stack(np.meshgrid(columns, rows)).reshape(2, -1)
+
+
 def _look(instrument, surfaces, pixels, moment):
     camera = instrument.camera
-    causes = moment.causes
-    n = pixels.shape[1]
-    if causes.acts_on("pixel"):
-        ideal = pixels - causes.delta("pixel", moment.state(camera, n, pixels=pixels))
-    else:
-        ideal = pixels
-    rays = camera.rays(ideal)
+    rays = camera.rays(_ideal_pixels(camera, pixels, moment))
     seen = _nearest(surfaces, rays)
-    if not causes.acts_on("ray"):
+    if not moment.causes.acts_on("ray"):
         return seen
-    bent = rays + causes.delta("ray", moment.state(camera, n, pixels=pixels, points=seen.points))
+    state = moment.state(camera, pixels.shape[1], pixels=pixels, points=seen.points)
+    bent = rays + moment.causes.delta("ray", state)
     return _nearest(surfaces, bent / np.sqrt((bent**2).sum(0)))
+
+
+def _ideal_pixels(camera, pixels, moment):
+    """(2, n) observed pixels without the effects on the port `pixel`."""
+    if not moment.causes.acts_on("pixel"):
+        return pixels
+    state = moment.state(camera, pixels.shape[1], pixels=pixels)
+    return pixels - moment.causes.delta("pixel", state)
 
 
 def _nearest(surfaces, rays):
@@ -79,9 +87,9 @@ def parts_of_pixels(flat: np.ndarray, width: int, oversampling: int) -> np.ndarr
     by pixel.
     """
     row, column = np.divmod(flat, width)
-    inner = (np.arange(oversampling) + 0.5) / oversampling - 0.5
-    down, column_offset = np.meshgrid(inner, inner, indexing="ij")
-    places = np.stack([column[:, None] + column_offset.ravel(), row[:, None] + down.ravel()])
+    middle = (np.arange(oversampling) + 0.5) / oversampling - 0.5
+    column_offset, row_offset = grid(middle, middle)
+    places = np.stack([column[:, None] + column_offset, row[:, None] + row_offset])
     return places.reshape(2, -1)
 
 

@@ -91,15 +91,19 @@ def set_stage(
 
 def _middles(instrument, surfaces, moment, canvas) -> np.ndarray:
     """(3, H W) what the middle of every pixel sees; of a pixel that just misses, what its neighbour sees."""
-    points = sight.look(
-        instrument, surfaces, canvas.pixels(np.arange(np.prod(canvas.shape))), moment
-    ).points
-    points = points.reshape(3, *canvas.shape)
+    pixels = canvas.pixels(np.arange(np.prod(canvas.shape)))
+    points = sight.look(instrument, surfaces, pixels, moment).points
+    filled = _filled_from_neighbours(points.reshape(3, *canvas.shape))
+    return filled.reshape(3, -1)
+
+
+def _filled_from_neighbours(points: np.ndarray) -> np.ndarray:
+    """(3, H, W) points in which a nan holds the point of its pixel's neighbour."""
     filled = points.copy()
     for axis, shift in ((1, 1), (1, -1), (2, 1), (2, -1)):
         neighbour = np.roll(points, shift, axis)
         filled = np.where(np.isnan(filled), neighbour, filled)
-    return filled.reshape(3, -1)
+    return filled
 
 
 def _reached(instrument, rough, probes, index, moment) -> np.ndarray:
@@ -210,10 +214,10 @@ def _thin(distance, light, oversampling, width) -> bool:
     if oversampling == 1 or not light.any():
         return False
     bright = distance[light.max(1) > 0.1 * light.max()]
-    column_step, down = (
-        oversampling * np.abs(bright[:, k] - bright[:, 0]) for k in (1, oversampling)
-    )
-    return bool(np.nanmax(np.hypot(column_step, down), initial=0) * _NARROW > width)
+    column_step = oversampling * np.abs(bright[:, 1] - bright[:, 0])
+    row_step = oversampling * np.abs(bright[:, oversampling] - bright[:, 0])
+    mm_a_pixel = np.hypot(column_step, row_step)
+    return bool(np.nanmax(mm_a_pixel, initial=0) * _NARROW > width)
 
 
 def _profile(distance, width):
@@ -289,21 +293,34 @@ def _arriving(instrument, surfaces, index, points, normals):
     to_source = source[:, None] - points
     length = np.sqrt((to_source**2).sum(0))
     to_source /= length
-    arriving = np.maximum((to_source * normals).sum(0), 0) * instrument.laser.reach_mm / length
-    for surface in surfaces:
-        arriving[surface.blocks(points, to_source)] = 0
+    cosine = np.maximum((to_source * normals).sum(0), 0)
+    arriving = cosine * instrument.laser.reach_mm / length
+    arriving[_is_shadowed(surfaces, points, to_source)] = 0
     return arriving
+
+
+def _is_shadowed(surfaces, points, to_source) -> np.ndarray:
+    """(n,) whether some surface lies between points (3, n) and the source of the light."""
+    is_shadowed = np.zeros(points.shape[1], bool)
+    for surface in surfaces:
+        is_shadowed |= surface.blocks(points, to_source)
+    return is_shadowed
 
 
 def _noise(instrument, stage, index, rows, moment):
     if not moment.causes.acts_on("noise"):
         return None
     points = stage.points[:, rows, 0]
-    known = {
+    known = _first_parts(stage, rows)
+    planes = np.broadcast_to(instrument.nominal_planes()[:, index, None], (4, len(rows)))
+    state = _state(instrument, index, points, moment, planes, known)
+    return np.exp(moment.causes.delta("noise", state)[0])
+
+
+def _first_parts(stage, rows) -> dict[str, np.ndarray]:
+    """Fields of SensorState that the first part of each of these pixels determines."""
+    return {
         "pixels": stage.canvas.pixels(stage.flat[rows]),
         "normals": stage.normals[:, rows, 0],
         "ball": stage.ball[rows, 0],
     }
-    planes = np.broadcast_to(instrument.nominal_planes()[:, index, None], (4, len(rows)))
-    state = _state(instrument, index, points, moment, planes, known)
-    return np.exp(moment.causes.delta("noise", state)[0])

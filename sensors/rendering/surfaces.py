@@ -178,7 +178,8 @@ class MeshSurface:
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray]:
         """(3, t) unit normals and (t,) offsets of the triangles' planes, in double precision."""
-        a, b, c = (self.vertices[self.triangles[:, k]].astype(float) for k in range(3))
+        corners = self.vertices[self.triangles].astype(float)
+        a, b, c = corners.transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return normals.T, -(normals * a).sum(1)
@@ -186,10 +187,11 @@ class MeshSurface:
     def meet(self, rays: np.ndarray) -> np.ndarray:
         """(n,) mm along unit rays (3, n): the triangle from Open3D's single precision, the cut from double."""
         hit = self._cast(np.zeros((3, 1)), rays)
+        is_hit = hit >= 0
         normals, offsets = self._faces
-        face = np.where(hit >= 0, hit, 0)
+        face = np.where(is_hit, hit, 0)
         distance = -offsets[face] / (normals[:, face] * rays).sum(0)
-        return np.where(hit >= 0, distance, np.nan)
+        return np.where(is_hit, distance, np.nan)
 
     def normals(self, points: np.ndarray) -> np.ndarray:
         """(3, n) unit normals of the triangles that are seen at these points, towards the camera."""
@@ -227,11 +229,15 @@ def true_balls(
     An effect on the port `target` moves a surface's point; moved alike on both sides it is the
     centre that moves, moved oppositely it is the radius that grows.
     """
-    n = centres.shape[1]
-    side = np.tile([[0.0], [0.0], [1.0]], n)
-    states = [
-        moment.state(camera, n, normals=normals, target=centres, ball=np.arange(1, n + 1))
-        for normals in (side, -side)
-    ]
-    near_side, far_side = (moment.causes.delta("target", state) for state in states)
+    side = np.tile([[0.0], [0.0], [1.0]], centres.shape[1])
+    near_side = _target_shift(centres, side, camera, moment)
+    far_side = _target_shift(centres, -side, camera, moment)
     return centres + (near_side + far_side) / 2, radii + (near_side - far_side)[2] / 2
+
+
+def _target_shift(centres, normals, camera: Camera, moment: Moment) -> np.ndarray:
+    """(3, b) mm by which the effects move the balls' surface where it has these normals (3, b)."""
+    n = centres.shape[1]
+    number = np.arange(1, n + 1)
+    state = moment.state(camera, n, normals=normals, target=centres, ball=number)
+    return moment.causes.delta("target", state)
