@@ -1,5 +1,8 @@
 """`workbench check`: is a recording good enough, and what would improve it, before anything is fitted?"""
 
+import math
+from pathlib import Path
+
 from workbench.commands.shared import answer, flow, tables
 from workbench.core.text.uncertain import with_std
 
@@ -22,14 +25,18 @@ def command(
 
         inspected = inspect_recording(datasets.read(recording, trust_data), progress)
         if not no_report:
-            from workbench.report import inspection
-            from workbench.report.page import write_sheet
-
             progress("writing the report")
-            write_sheet(inspection.page(inspected), run.partial)
+            _write_report(inspected, run.partial)
         return {"recording": recording, **inspected.as_json()}
 
     flow.run("check", recording, out, json, work, _show)
+
+
+def _write_report(inspected, folder: Path) -> None:
+    from workbench.report import inspection
+    from workbench.report.page import write_sheet
+
+    write_sheet(inspection.page(inspected), folder)
 
 
 def _show(console, result) -> None:
@@ -60,9 +67,10 @@ def _show_images(console, images) -> None:
     if images is None:
         return
     roles = ", ".join(f"{count} {role}" for role, count in images["roles"].items())
+    boards_found = images["boards_found"]
+    share = images["share_of_field"]
     console.print(
-        f"Images: {roles}; board found in {images['boards_found']}, corners cover "
-        f"{100 * images['share_of_field']:.0f} % of the field.",
+        f"Images: {roles}; board found in {boards_found}, corners cover {100 * share:.0f} % of the field.",
         markup=False,
     )
 
@@ -72,10 +80,14 @@ def _show_hand_eye(console, motions) -> None:
     if motions is None:
         return
     angles = f"Flange and camera rotate by the same angles within {motions['angle_gap_deg']:.2g} deg (median)"
-    lengths = ""
-    if motions["scale"] == motions["scale"]:
-        lengths = f"; lengths in the images are {with_std(motions['scale'], motions['scale_std'])} times the flange's"
+    lengths = _length_ratio(motions["scale"], motions["scale_std"])
     console.print(f"{angles}{lengths}.", markup=False)
+
+
+def _length_ratio(scale: float, std: float) -> str:
+    if math.isnan(scale):
+        return ""
+    return f"; lengths in the images are {with_std(scale, std)} times the flange's"
 
 
 def _show_noise(console, result) -> None:

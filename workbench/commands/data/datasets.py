@@ -16,19 +16,11 @@ Name = Annotated[str, typer.Argument(help="A name from `workbench datasets list`
 def listing(json: answer.JsonTarget = None) -> None:
     """List the recordings that are known by name: bundled ones, and real ones with their source."""
     answer.check_target(json)
-    rows = known()
-    answer.deliver({"command": "datasets list", "datasets": rows}, json)
+    recordings = known()
+    answer.deliver({"command": "datasets list", "datasets": recordings}, json)
     console = answer.console(json)
-    tables.grid(
-        console,
-        "Recordings",
-        ["name", "measures", "here", "licence"],
-        [
-            [_names(row), row["measures"], "yes" if row["folder"] else "no", row["licence"]]
-            for row in rows
-        ],
-        left=4,
-    )
+    head = ["name", "measures", "here", "licence"]
+    tables.grid(console, "Recordings", head, list(map(_listed, recordings)), left=4)
     console.print("`workbench datasets get NAME` fetches one that is not here.", markup=False)
 
 
@@ -50,6 +42,12 @@ def get(
     _deliver("datasets get", name, found, json)
 
 
+def _listed(recording: dict) -> list[str]:
+    """Its row of the table."""
+    is_here = "yes" if recording["folder"] else "no"
+    return [_names(recording), recording["measures"], is_here, recording["licence"]]
+
+
 @app.command("path", short_help="Print the folder of a recording.")
 def path(name: Name, json: answer.JsonTarget = None) -> None:
     """Print the folder of a recording."""
@@ -59,32 +57,38 @@ def path(name: Name, json: answer.JsonTarget = None) -> None:
 
     found = _bundled().get(name) or datasets.find(name)
     if found is None:
-        places = " or ".join(map(str, registry.places()))
-        raise InputError(
-            f"{name} is expected in {places} and found in neither; fetch it with "
-            f"`workbench datasets get {name}`, or set {registry.SETTING}."
-        )
+        raise _not_here(name, registry)
     _deliver("datasets path", name, found, json)
+
+
+def _not_here(name: str, registry) -> InputError:
+    places = " or ".join(map(str, registry.places()))
+    return InputError(
+        f"{name} is expected in {places} and found in neither; fetch it with "
+        f"`workbench datasets get {name}`, or set {registry.SETTING}."
+    )
 
 
 def known() -> list[dict]:
     """One row per recording: name, title, measures, variants, licence, url, folder (None: not on this machine)."""
     import datasets
 
-    bundled = [datasets.read(folder) for folder in _bundled().values()]
-    user_datasets = [
-        {
-            "name": name,
-            "title": found.title,
-            "measures": found.measures,
-            "variants": [""],
-            "licence": "comes with the workbench",
-            "url": None,
-            "folder": folder,
-        }
-        for (name, folder), found in zip(_bundled().items(), bundled)
+    bundled = [
+        _bundled_row(name, folder, datasets.read(folder)) for name, folder in _bundled().items()
     ]
-    return user_datasets + datasets.listing()
+    return bundled + datasets.listing()
+
+
+def _bundled_row(name: str, folder: Path, recording) -> dict:
+    return {
+        "name": name,
+        "title": recording.title,
+        "measures": recording.measures,
+        "variants": [""],
+        "licence": "comes with the workbench",
+        "url": None,
+        "folder": folder,
+    }
 
 
 def _bundled() -> dict[str, Path]:

@@ -70,11 +70,8 @@ def choose(bundled: bool) -> tuple:
     try:
         recording = datasets.read(REAL)
     except InputError as missing:
-        return (
-            BUNDLED,
-            datasets.read(BUNDLED),
-            (f"Recording: {BUNDLED}, bundled, because the real one is not here: {missing}"),
-        )
+        why = f"Recording: {BUNDLED}, bundled, because the real one is not here: {missing}"
+        return BUNDLED, datasets.read(BUNDLED), why
     return REAL, recording, f"Recording: {REAL}, measured on a real robot."
 
 
@@ -108,13 +105,15 @@ def _from_images(run: runs.Run, progress) -> dict:
 
 def _show(console, rendered: dict) -> None:
     """Print the results of the rendered chain."""
-    centres, camera = rendered["against_truth"], rendered["sensor"]["calibration"]["camera"]
-    planes = rendered["sensor"]["calibration"]["plane_rms_mm"]
+    sensor = rendered["sensor"]["calibration"]
+    corner_rms = sensor["camera"]["rms_coordinate_px"]
+    centre_rms = rendered["against_truth"]["rms_mm"]
+    arm_rms = rendered["held_out"]["rms_mm"]
     rows = [
-        ["corners, RMS per coordinate", camera["rms_coordinate_px"], "px"],
-        ["stripe points from their planes, RMS", planes, "mm"],
-        ["ball centres from the truth, RMS", centres["rms_mm"], "mm"],
-        ["arm, held-out RMS", rendered["held_out"]["rms_mm"], "mm"],
+        ["corners, RMS per coordinate", corner_rms, "px"],
+        ["stripe points from their planes, RMS", sensor["plane_rms_mm"], "mm"],
+        ["ball centres from the truth, RMS", centre_rms, "mm"],
+        ["arm, held-out RMS", arm_rms, "mm"],
     ]
     tables.grid(console, "From rendered images to the arm", ["", "value", "unit"], rows)
 

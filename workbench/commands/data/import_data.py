@@ -221,7 +221,11 @@ def _write_unjoined(mapping, comment: str, problem: InputError, file: Path, json
     write_mapping(mapping, file, f"# {problem}\n#\n{comment}\n")
     result = {"command": "import", "mapping": mapping.as_keys(), "file": file}
     answer.deliver({**result, "unused_columns": [], "warnings": [str(problem)]}, json)
-    console = answer.console(json)
+    _print_problem(answer.console(json), problem, file)
+
+
+def _print_problem(console, problem: InputError, file: Path) -> None:
+    """The problem, then the file where its mapping is."""
     console.print(f"Warning: {problem}", style="bold red", markup=False, soft_wrap=True)
     console.print(str(file), markup=False, soft_wrap=True)
 

@@ -162,9 +162,8 @@ def _units(group: Mapping) -> str | None:
     from datasets.importers.mapping.columns.column_units import unit_words
 
     if "counts_per_deg" in group:
-        return (
-            f"pulses ({', '.join(f'{size:g}' for size in group['counts_per_deg'])} in one degree)"
-        )
+        counts = ", ".join(f"{count:g}" for count in group["counts_per_deg"])
+        return f"pulses ({counts} in one degree)"
     unit = group.get("unit")
     return unit_words(tuple(unit), group["columns"], str) if isinstance(unit, list) else unit
 
@@ -173,13 +172,9 @@ def _preview(console, recording) -> None:
     """The first samples as the recording holds them."""
     if not recording.columns:
         return
-    names = list(recording.columns)
-    rows = []
-    for name in names:
-        cells = recording.columns[name][:_PREVIEWED]
-        rows.append([name, *(_short(cell) for cell in cells)])
-    head = ["first samples", *(str(k + 1) for k in range(len(rows[0]) - 1))]
-    tables.grid(console, "", head, rows)
+    rows = [[name, *map(_short, column[:_PREVIEWED])] for name, column in recording.columns.items()]
+    samples = range(1, len(rows[0]))
+    tables.grid(console, "", ["first samples", *map(str, samples)], rows)
 
 
 def _short(cell) -> str:

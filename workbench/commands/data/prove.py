@@ -99,8 +99,5 @@ def _value(figure) -> str:
 def _interval(figure) -> str:
     if figure["low"] is None or not figure["cases"]:
         return ""
-    return (
-        f"{figure['low']:.1%} – {figure['high']:.1%}"
-        if figure["hits"] is not None
-        else (f"{figure['low']:.2f} – {figure['high']:.2f}")
-    )
+    form = ".2f" if figure["hits"] is None else ".1%"
+    return f"{figure['low']:{form}} – {figure['high']:{form}}"

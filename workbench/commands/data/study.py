@@ -63,11 +63,15 @@ def _close(study_run, place: Path, progress, no_report: bool) -> None:
     found = summary(study_run)
     runs.replace_file(study_run.path / "answer.json", answer.as_text({**found, "run": place}))
     if not no_report:
-        from workbench.report.page import write_sheet
-        from workbench.report.study.page import page
-
         progress("writing the report")
-        write_sheet(page(study_run, found), study_run.path)
+        _write_report(study_run, found)
+
+
+def _write_report(study_run, found: dict) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.study.page import page
+
+    write_sheet(page(study_run, found), study_run.path)
 
 
 def _deliver(finished, json: str | None) -> None:

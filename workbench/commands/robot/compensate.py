@@ -395,17 +395,17 @@ def _show_unreached(console, result) -> None:
 
 
 def _show_refused(console, refused) -> None:
+    if not refused:
+        return
     for refusal in refused[:_NAMED]:
         why = f"Target {refusal['row']} is refused and has no readings in corrected.csv: {refusal['why']}."
         console.print(why, markup=False)
-    if len(refused) > _NAMED:
-        console.print(
-            f"{len(refused) - _NAMED} more targets are refused; the JSON answer names them.",
-            markup=False,
-        )
-    if refused:
-        console.print(
-            "Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
-            "--max-sigma-mm set other limits, --force ignores them.",
-            markup=False,
-        )
+    unnamed = len(refused) - _NAMED
+    if unnamed > 0:
+        more = f"{unnamed} more targets are refused; the JSON answer names them."
+        console.print(more, markup=False)
+    console.print(
+        "Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
+        "--max-sigma-mm set other limits, --force ignores them.",
+        markup=False,
+    )

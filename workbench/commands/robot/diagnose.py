@@ -105,8 +105,11 @@ def command(
 
 def _subject_of(found, scanner: Path | None, run, progress):
     """What is diagnosed: the recording, or the ball centres of its scans; and keys of the scans for the answer."""
-    if scanner is None:
-        return found, {}
+    return (found, {}) if scanner is None else _ball_centres_of(found, scanner, run, progress)
+
+
+def _ball_centres_of(found, scanner: Path, run, progress):
+    """Ball centres of the scans of a recording, saved in the run; and keys of the scans for the answer."""
     from workbench.jobs.sensor import ball_centres, scan
 
     ball_centres.check_poses(found)
@@ -304,14 +307,18 @@ def _show_other_schemes(console, held_out, unit: str) -> None:
 def _show_sensor(console, result) -> None:
     """Held-out errors by kind of measurement, and how far ball centres move, of a sensor."""
     kinds = result["held_out"].get("by_kind", [])
-    keys = ("kind", "before_px", "after_px", "noise_px")
     if kinds:
-        head = ["", "baseline px", "with what was found px", "noise px"]
-        title = "Held-out error by kind of measurement; board poses held by their corners"
-        tables.grid(console, title, head, [[row[key] for key in keys] for row in kinds])
+        _show_kinds(console, kinds)
     balls = result.get("ball_centres")
     if balls is not None and balls["moved_rms_mm"] > 0:
         console.print(_moved_balls(balls), markup=False)
+
+
+def _show_kinds(console, kinds: list) -> None:
+    keys = ("kind", "before_px", "after_px", "noise_px")
+    head = ["", "baseline px", "with what was found px", "noise px"]
+    title = "Held-out error by kind of measurement; board poses held by their corners"
+    tables.grid(console, title, head, [[row[key] for key in keys] for row in kinds])
 
 
 def _moved_balls(balls) -> str:

@@ -192,14 +192,20 @@ def _choose(source: Path, format_name: str) -> tuple[str, Path]:
 def _contents(source: Path) -> Mapping[str, Path]:
     """Kinds that a run folder holds, or that a file is, with their files."""
     if source.is_dir():
-        found: dict[str, Path] = {}
-        for name, kind in _FILES:
-            if (source / name).is_file():
-                found.setdefault(kind, source / name)
-        return found
-    if source.suffix.lower() == ".json" or not source.exists():
-        return {ARM: source} if source.suffix.lower() == ".json" else _by_name(source)
+        return _contents_of_folder(source)
+    if source.suffix.lower() == ".json":
+        return {ARM: source}
+    if not source.exists():
+        return _by_name(source)
     return {HAND_EYE if _is_hand_eye(source) else CAMERA: source}
+
+
+def _contents_of_folder(folder: Path) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for name, kind in _FILES:
+        if (folder / name).is_file():
+            found.setdefault(kind, folder / name)
+    return found
 
 
 def _by_name(source: Path) -> Mapping[str, Path]:
@@ -225,14 +231,19 @@ def _camera(path, format_name) -> tuple[str, list[str]]:
     camera, deviation = with_supported_distortion(read_calibrated_camera(path), format_name)
     text = camera_text(camera, format_name)
     check_camera(camera, text, format_name)
-    left_out = (
-        [f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {deviation:.2g} px"]
-        if deviation
-        else []
-    )
-    return text, left_out + (
-        ["light planes and mirror of the scanner"] if path.name == "scanner.toml" else []
-    )
+    return text, _left_out_of_camera(deviation, path.name == "scanner.toml")
+
+
+def _left_out_of_camera(deviation: float, is_scanner: bool) -> list[str]:
+    """What the export of a camera does not contain; deviation: px, of its distortion from the calibrated one."""
+    left_out = []
+    if deviation:
+        left_out.append(
+            f"terms beyond k1, k2, p1, p2, without which pixels are off by up to {deviation:.2g} px"
+        )
+    if is_scanner:
+        left_out.append("light planes and mirror of the scanner")
+    return left_out
 
 
 def _hand_eye(

@@ -104,15 +104,18 @@ def _geometry_alone(arm, format_name: str, file: Path, options: ArmOptions, read
     """An export in a format without effects: its geometry is fitted to the complete model."""
     from workbench.files.exports.geometry_alone import fit_geometry, held_by_ur_kinematics
 
-    fit = fit_geometry(arm, held_by_ur_kinematics(arm) if format_name == "ros" else None)
     makers: dict[str, Callable[..., ArmExport]] = {
         "urdf": _urdf,
         "ros": _ros,
         "mdh-json": _table,
         "mdh-csv": _table,
     }
-    exported = makers[format_name](fit.arm if fit else arm, file, options, format_name, read_back)
-    return replace(exported, notes=(*exported.notes, fit.sentence)) if fit else exported
+    export = makers[format_name]
+    fit = fit_geometry(arm, held_by_ur_kinematics(arm) if format_name == "ros" else None)
+    if not fit:
+        return export(arm, file, options, format_name, read_back)
+    exported = export(fit.arm, file, options, format_name, read_back)
+    return replace(exported, notes=(*exported.notes, fit.sentence))
 
 
 def _table(arm, file: Path, options: ArmOptions, format_name: str, read_back) -> ArmExport:

@@ -38,11 +38,15 @@ def command(
         report("analysing the poses")
         result = {"recording": recording, **identifiability(found, plan, trust_data, report)}
         if not no_report:
-            from workbench.report.page import write_sheet
-            from workbench.report.planning import identifiability as sheet
-
             report("writing the report")
-            write_sheet(sheet.page(found, result), run.partial)
+            _write_report(found, result, run.partial)
         return {**result, "verdict": no_verdict(_NO_RESIDUAL).as_json()}
 
     flow.run("identifiability", recording, out, json, work, tables.identifiability)
+
+
+def _write_report(recording, result: dict, folder: Path) -> None:
+    from workbench.report.page import write_sheet
+    from workbench.report.planning import identifiability
+
+    write_sheet(identifiability.page(recording, result), folder)

@@ -160,10 +160,11 @@ def _terms(name: str, excluded_terms: list[str] | None):
 
 def _read(name: str, trust_data: bool):
     """A recording, or what the scene of a TOML file, or of a diagnosis run, simulates."""
-    if is_model_run(Path(name)):
-        return _simulated(Path(name) / SCENE, name)
-    if Path(name).suffix == ".toml" and Path(name).name != "recording.toml":
-        return _simulated(Path(name), name)
+    path = Path(name)
+    if is_model_run(path):
+        return _simulated(path / SCENE, name)
+    if path.suffix == ".toml" and path.name != "recording.toml":
+        return _simulated(path, name)
     import datasets
 
     return datasets.read(name, trust_data)

@@ -89,12 +89,12 @@ def _corresponding(names, others, source: Path, target: Path) -> tuple[list[int]
     """Rows of source and target with the same name; None where a file has no names and rows correspond."""
     if names is None or others is None:
         return None
-    missing = [name for name in names if name not in others]
-    if missing:
-        raise InputError(
-            f"{source}, column point: expected points that {target} has, too, found {missing[0]}; rename or remove it"
-        )
-    return list(range(len(names))), [others.index(name) for name in names]
+    for name in names:
+        if name not in others:
+            raise InputError(
+                f"{source}, column point: expected points that {target} has, too, found {name}; rename or remove it"
+            )
+    return list(range(len(names))), list(map(others.index, names))
 
 
 def _labels(names, rows, count: int) -> list[str]:

@@ -38,19 +38,20 @@ def command(
 
 def deliver(scene: Path, recording, run: runs.Run, json: str | None) -> None:
     """Print content and folder of the simulated recording; the folder comes last."""
-    answer.deliver(
-        {
-            "command": "simulate",
-            "scene": scene,
-            "recording": run.path,
-            "measures": recording.measures,
-            "samples": recording.n,
-            "sigma_mm": recording.sigma_mm,
-            "verdict": no_verdict(_NO_RESIDUAL).as_json(),
-            "run": run.path,
-        },
-        json,
-    )
+    answer.deliver(_as_json(scene, recording, run.path), json)
     console = answer.console(json)
     console.print(f"{recording.n} samples, {recording.measures}", markup=False)
     console.print(str(run.path), soft_wrap=True, markup=False)
+
+
+def _as_json(scene: Path, recording, folder: Path) -> dict:
+    return {
+        "command": "simulate",
+        "scene": scene,
+        "recording": folder,
+        "measures": recording.measures,
+        "samples": recording.n,
+        "sigma_mm": recording.sigma_mm,
+        "verdict": no_verdict(_NO_RESIDUAL).as_json(),
+        "run": folder,
+    }
