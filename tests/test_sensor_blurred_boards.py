@@ -7,7 +7,7 @@ import pytest
 from sensors.boards.board import Board
 from sensors.boards.detection import Rejected, detect
 from sensors.images import blur
-from workbench.fitting.verdicts.sensor_verdict import _blurred
+from workbench.fitting.verdicts.sensor_verdict import blurred_images
 from workbench.recordings.inspection.coverage import ImageCoverage
 from workbench.recordings.inspection.needs import _image_needs
 
@@ -55,10 +55,10 @@ def test_blurred_images_are_named_with_their_blur():
         detect(cv2.GaussianBlur(drawn(), (0, 0), width), BOARD, f"{width:g}.png")
         for width in (0.5, 3.0, 4.0)
     ]
-    (said,) = _blurred(views)
+    (said,) = blurred_images(views)
     assert said.startswith("2 of 3 images are blurred: 1 sigma of their edges is 3.")
     assert "(3.png, 4.png)" in said
-    assert _blurred(views[:1]) == []
+    assert blurred_images(views[:1]) == []
 
 
 def test_check_names_every_image_with_its_own_reason():
