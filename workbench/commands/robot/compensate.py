@@ -402,8 +402,8 @@ def _show_refused(console, refused) -> None:
         console.print(why, markup=False)
     unnamed = len(refused) - _NAMED
     if unnamed > 0:
-        more = f"{unnamed} more targets are refused; the JSON answer names them."
-        console.print(more, markup=False)
+        sentence = f"{unnamed} more targets are refused; the JSON answer names them."
+        console.print(sentence, markup=False)
     console.print(
         "Check these targets and the calibration; --max-correction-mm, --max-correction-deg and "
         "--max-sigma-mm set other limits, --force ignores them.",
