@@ -8,7 +8,9 @@ import pytest
 from erring_scenes import erring
 from robot_model import load_robot
 from scenes import ABB
+from workbench.fitting.plausibility.check import check_plausibility
 from workbench.fitting.plausibility.fitting import fit_recording
+from workbench.fitting.plausibility.good_fit import good_scale
 from workbench.fitting.plausibility.joint_columns.random_errors import random_errors
 
 
@@ -92,4 +94,14 @@ def test_a_gap_that_follows_the_side_of_approach_is_no_random_error(is_recorded)
     assert found_in(robot, with_column(recording, "q2_deg", angle + 0.06 * side)) is None
     random = np.random.default_rng(2).choice([-0.06, 0.06], recording.n)
     found = found_in(robot, with_column(recording, "q2_deg", angle + random))
+    assert found.cause == "reading-noise" and "column q2_deg" in found.sentence
+
+
+def test_random_errors_above_those_of_a_good_fit_are_named():
+    """Twice what a sound arm leaves is too little for a misfit without a cause, and was passed over."""
+    robot, recording = erring("ball-centre", 3, n=120)
+    noise = np.random.default_rng(0).normal(0, 0.12, recording.n)
+    recording = with_column(recording, "q2_deg", recording.columns["q2_deg"] + noise)
+    assert fit_recording(robot, recording).core > 1.5 * good_scale(robot, recording)
+    (found,) = check_plausibility(robot, recording)
     assert found.cause == "reading-noise" and "column q2_deg" in found.sentence

@@ -95,8 +95,8 @@ def check_plausibility(robot, recording) -> tuple[Suspicion, ...]:
         if np.isfinite(fit.scale):
             found += _gravity_or_fit(robot, recording, fit, good_scale(robot, recording))
             found += _of_drives(robot, recording, fit)
-            if not found and fit.core <= good_scale(robot, recording):
-                found += _suspicions_of(random_errors, robot, recording, fit)
+            if all(suspicion.cause == "unexplained" for suspicion in found):
+                found = _suspicions_of(random_errors, robot, recording, fit) or found
     except (np.linalg.LinAlgError, InputError):
         pass  # too little data for any fit: the calibration says which parameters are undetermined
     if any(suspicion.cause == "rounding" for suspicion in found):  # larger than the stated noise
