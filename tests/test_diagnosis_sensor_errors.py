@@ -143,7 +143,7 @@ def test_a_remainder_without_a_place_leaves_a_finding_as_the_explanation(bench):
 def test_structure_next_to_jitter_alone_counts_as_where_nothing_was_found(bench):
     """Jitter takes nothing off the held-out error, of which therefore everything seems to be left."""
     real = Located("artefact", "target", ("board_x",), 0.01, 1e-3, 0.1)
-    jitter = [SimpleNamespace(finding=SimpleNamespace(effects=()))]
+    jitter = [SimpleNamespace(finding=SimpleNamespace(effects=(), effect="mirror-jitter"))]
     proved = SimpleNamespace(before=0.063, after=0.063, noise=0.055)
     for p_value, expected in ((0.0062, False), (0.001, True)):
         found = SimpleNamespace(remainder=(real,), p_remainder=p_value)
@@ -432,3 +432,17 @@ def test_points_beyond_the_lens_are_counted_among_the_warnings(bench):
     (warning,) = image_warnings(counted, ())
     assert warning.startswith("7 points of laser lines are left out")
     assert "show boards up to the edge of the image" in warning
+
+
+@pytest.mark.parametrize("share, expected", [(0.0024, False), (0.2, True)])
+def test_a_small_share_of_what_a_law_leaves_is_no_structure(bench, share, expected):
+    """A quarter of a per cent of the remainder is significant in thousands of points, next to a right finding."""
+    place = Located("artefact", "target", ("board_x",), share, 1e-3, 0.01)
+    found = SimpleNamespace(remainder=(place,), p_remainder=1e-12)
+    law = SimpleNamespace(finding=SimpleNamespace(effects=(CATALOGUE["plane-bow"]("laser"),)))
+    lines = SimpleNamespace(finding=SimpleNamespace(effects=(), effect="board-point-errors"))
+    jitter = SimpleNamespace(finding=SimpleNamespace(effects=(), effect="mirror-jitter"))
+    assert is_remainder_located(bench, found, (law,)) is expected
+    assert is_remainder_located(bench, found, (lines,)) is expected
+    assert is_remainder_located(bench, found, (law, jitter))
+    assert is_remainder_located(bench, found, ())

@@ -91,3 +91,14 @@ def test_the_noise_of_a_sensor_is_compared_with_what_a_diagnosis_leaves(source):
     made = SimpleNamespace(unit="px", views=None, verdict="unexplained", as_json=lambda: answer)
     verdict = check_diagnosis(made, None).verdict
     assert f"it is 5 times the noise of 0.01 px ({source})" in verdict.sentence
+
+
+@pytest.mark.parametrize("overexposed, is_named", [(0, False), (10, False), (300, True)])
+def test_overexposure_is_named_where_something_else_is_in_doubt(overexposed, is_named):
+    """Or where a ball has too few stripes to be tested; a good ball with full pixels gives no warning."""
+    good = replace(ball(1), overexposed=overexposed)
+    assert scan_warnings(scans(good)) == []
+    for doubtful in (replace(good, misfit=LARGE), replace(good, misfit=None)):
+        said = " ".join(scan_warnings(scans(doubtful)))
+        assert ("overexposed at" in said) == is_named
+        assert ("expose less and scan again" in said) == is_named

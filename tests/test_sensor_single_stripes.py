@@ -328,3 +328,12 @@ def test_a_scanner_file_without_line_scatter_says_to_calibrate_it_again(scatter,
     assert NOT_DISTINGUISHED in why
     assert ("this scanner file lacks line_scatter" in sentence) != is_known
     assert line_width_missing(made, []) == ""
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 19])
+def test_points_that_sight_grazes_do_not_confirm_a_radius(count):
+    cloud, width = stripe(np.array([12.0, -5.0, 250.0, 20.0]), -13.0)
+    few = cloud.subset(np.arange(cloud.points.shape[1]) < count)
+    ball = SimpleNamespace(centre=np.array([12.0, -5.0, 250.0]), radius=20.0)
+    test = unlike_spheres(ball, few.points, partial(few.width_ratios, width[:count]), 0.02)
+    assert "sight grazes nearly all of them" in test.why

@@ -120,6 +120,8 @@ def unlike_spheres(
     ratio, 1 degree of freedom). It has to be a test: a sphere whose radius is 20 % smaller or larger would be refused
     with a probability of 90 %, by the noncentrality that the expected widths of both give.
     """
+    if points.shape[1] < LEAST_ARC:
+        return RadiusTest(f"{_SHARED}; {_GRAZED}")
     circle = _Circle.of(fit, points)
     spheres = circle.spheres(fit.radius * _DISTANCES)
     ratios = widths(spheres)
@@ -200,6 +202,7 @@ def _range_text(radii) -> str:
 
 
 NOT_DISTINGUISHED = "one stripe does not distinguish the ball from a sphere"
+_GRAZED = "sight grazes nearly all of them, so that the width of the line says nothing"
 _NO_WIDTH = (
     "the line is overexposed, so that its width is not known, or no ball would show these points"
 )

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from robot_model.effects.friction import ReadingLattice
+from sensors.effects.recorded import BoardPointErrors
 from workbench.diagnosis.levels import (
     CRITICAL_T,
     NOTABLE_SHARE,
@@ -53,17 +54,27 @@ def contains_unexplained_structure(bench, found: Found, terms, proved, is_above:
     cannot be compared with what they explain: structure next to them counts at the level at which it counts where
     nothing was found.
     """
-    placed = is_remainder_located(bench, found)
+    placed = is_remainder_located(bench, found, terms)
     if not any(term.finding.effects for term in terms):
         return placed and found.p_remainder < UNMODELLED_LEVEL
     return placed and has_unexplained_structure(proved, found.p_remainder, is_above)
 
 
-def is_remainder_located(bench, found: Found) -> bool:
-    """Whether some place of a sensor holds a significant share of the remainder; see `is_structure_located`."""
+def is_remainder_located(bench, found: Found, terms=()) -> bool:
+    """Whether some place of a sensor holds a significant share of the remainder; see `is_structure_located`.
+
+    The share has to be notable, as where nothing was found: of thousands of points a thousandth is significant. Next to
+    findings on the noise, as image jitter, the residual holds all of that noise, so that any share counts. Displaced
+    lines of a board are none of these: their corners are left out.
+    """
     if bench.chain is not None:
         return True
-    return any(place.p_value < _PLACED and place.share > 0 for place in found.remainder)
+    is_noise = [
+        not term.finding.effects and term.finding.effect != BoardPointErrors.effect
+        for term in terms
+    ]
+    least = NOTABLE_SHARE if terms and not any(is_noise) else 0.0
+    return any(place.p_value < _PLACED and place.share > least for place in found.remainder)
 
 
 def is_structure_located(bench, found: Found, refused, proved) -> bool:

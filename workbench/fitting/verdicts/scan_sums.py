@@ -45,8 +45,8 @@ class BallSums:
     """Over the points of all fitted balls: `squares` of distances (mm^2), what the stated noise (`stated_squares`) and
     that of neighbouring centres (`noise_squares`) make of them, and number of `points`; number of balls `tested` for
     lack of fit, of those with too few stripes for it (`untested`), and of those where it is significant and moves the
-    centre (`doubtful`), with the `worst` of these; the largest differences of `radii` and `distances` from the
-    certificate."""
+    centre (`doubtful`), with the `worst` of these; number of points `overexposed`; the largest differences of `radii`
+    and `distances` from the certificate."""
 
     squares: float = 0.0
     stated_squares: float = 0.0
@@ -56,6 +56,7 @@ class BallSums:
     untested: int = 0
     doubtful: int = 0
     worst: Misfit | None = None
+    overexposed: int = 0
     radii: Largest = field(default_factory=Largest)
     distances: Largest = field(default_factory=Largest)
 
@@ -66,6 +67,7 @@ class BallSums:
                 spread = _spread(ball, scanner)
                 self._add(ball.fit, ball.misfit, spread)
                 self._add_radius(scan.name, ball, spread)
+                self.overexposed += ball.overexposed
         self._add_distances(scan, known)
 
     def _add(self, fit, misfit: Misfit | None, spread: float) -> None:

@@ -50,6 +50,7 @@ _BLURRED_PX = (
 )
 _NAMED_IMAGES = 6
 _MAINLY = 0.95  # of the lack of fit
+_OVEREXPOSED = 0.05  # of the points on balls
 _MODEL = "the model leaves out a part of what the images show"
 _INDEPENDENT = (
     "no error that images share is significant, so that corners err independently by more than single images tell; the "
@@ -397,9 +398,22 @@ def _own_warnings(scan) -> list[str]:
         size = math.sqrt(sums.squares / sums.points)
         return [
             f"{POOR_WORDS}: points lie {size:.3g} mm from their balls, {sums.over_stated:.3g} times the noise; see "
-            "that the scanner file belongs to these images, and check the radii in artefact.csv"
+            "that the scanner file belongs to these images, and check the radii in artefact.csv",
+            *_overexposed(sums),
         ]
-    return [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
+    doubts = [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
+    return [*doubts, *_overexposed(sums)] if doubts or sums.untested else doubts
+
+
+def _overexposed(sums: BallSums) -> list[str]:
+    """A warning on full pixels as a cause of other doubts, or where balls have too few stripes to be tested."""
+    if not sums.overexposed > _OVEREXPOSED * sums.points:
+        return []
+    share = 100 * sums.overexposed / sums.points
+    return [
+        f"The laser line is overexposed at {share:.0f} % of the points on balls: light that overflows from full pixels "
+        "displaces it, which no stated uncertainty holds; expose less and scan again"
+    ]
 
 
 def _displaced(sums: BallSums) -> list[str]:

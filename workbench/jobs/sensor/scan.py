@@ -62,7 +62,8 @@ class Ball:
 
     `is_beyond_volume`: most of its points are at depths for which the light planes were not calibrated. `misfit`: lack
     of fit of its stripes, None where it has too few. `frame`: name of the frame of its centre; `common` (3, 3) mm^2:
-    what errors that all images of a joined scan share add to the covariance of the centre, None for another scan."""
+    what errors that all images of a joined scan share add to the covariance of the centre, None for another scan;
+    `overexposed`: number of its points used whose line has full pixels."""
 
     number: int | None
     radius: float | None
@@ -74,6 +75,7 @@ class Ball:
     misfit: Misfit | None = None
     frame: str = "camera"
     common: np.ndarray | None = None
+    overexposed: int = 0
 
     @property
     def is_complete(self) -> bool:
@@ -392,6 +394,7 @@ class _Work:
             misfit,
             cloud.frame,
             common,
+            int((shape[3:, used] > 0).sum()),
         )
 
     def _misfit(self, fit, points, cloud: Cloud) -> Misfit | None:
