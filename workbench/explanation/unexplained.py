@@ -73,8 +73,10 @@ def is_remainder_located(bench, found: Found, terms=()) -> bool:
         not term.finding.effects and term.finding.effect != BoardPointErrors.effect
         for term in terms
     ]
-    least = NOTABLE_SHARE if terms and not any(is_noise) else 0.0
-    return any(place.p_value < _PLACED and place.share > least for place in found.remainder)
+    smallest_share = NOTABLE_SHARE if terms and not any(is_noise) else 0.0
+    return any(
+        place.p_value < _PLACED and place.share > smallest_share for place in found.remainder
+    )
 
 
 def is_structure_located(bench, found: Found, refused, proved) -> bool:

@@ -401,8 +401,8 @@ def _own_warnings(scan) -> list[str]:
             "that the scanner file belongs to these images, and check the radii in artefact.csv",
             *_overexposed(sums),
         ]
-    doubts = [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
-    return [*doubts, *_overexposed(sums)] if doubts or sums.untested else doubts
+    warnings = [*_displaced(sums), *_other_radii(sums), *_other_distances(sums)]
+    return [*warnings, *_overexposed(sums)] if warnings or sums.untested else warnings
 
 
 def _overexposed(sums: BallSums) -> list[str]:
