@@ -75,6 +75,11 @@ class FoldSearches:
         for future in [self._submit(part) for part in subsets]:
             yield future.result()
 
+    @property
+    def executor(self) -> Executor | None:
+        """The processes, for other work once all results are there; None where this process does all."""
+        return self._pool
+
     def _open(self, bench: Bench) -> None:
         """Start processes that know the bench; those that know another one end."""
         self._stack.close()

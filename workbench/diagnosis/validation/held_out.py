@@ -1,12 +1,14 @@
 """Errors of samples that were left out, and whether a fall of them is real."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 
 import numpy as np
 
 from workbench.core.covariates import clock
 from workbench.core.distributions import chi2, norm, student
 from workbench.core.effect import Effect
+from workbench.core.model import Model
 from workbench.diagnosis.levels import (
     CRITICAL_CLARK_WEST_T,
     CRITICAL_T,
@@ -21,7 +23,7 @@ from workbench.diagnosis.validation.left_out_blocks import (
     decorrelated,
     left_out_rows,
 )
-from workbench.fitting.cross_validation import hold_out, pad_to_position
+from workbench.fitting.cross_validation import HeldOut, hold_out, pad_to_position
 
 _LIMIT, _MEDIAN = 2.8, float(chi2.ppf(0.5, 3))
 """Length on the scale of the median sample from which on an error counts by its length and not by its square, as in
@@ -286,6 +288,7 @@ class Errors:
         self._blocks: dict[tuple, np.ndarray] = {}
         self._rows: dict[bytes, np.ndarray] = {}
         self._problems: dict[tuple, Problem] = {}
+        self._begun: dict[tuple, Future[HeldOut]] = {}
 
     def __call__(self, effects: Sequence[Effect], fold: np.ndarray) -> np.ndarray:
         """(n,) each sample predicted from the other folds (n,) int."""
@@ -295,6 +298,26 @@ class Errors:
         """Make and keep the errors of one block (n,) bool, without and with some effects."""
         self._block((), block)
         self._block(effects, block)
+
+    def begin(
+        self,
+        effects: Sequence[Effect],
+        folds: Sequence[np.ndarray],
+        submit: Callable[..., Future],
+    ) -> None:
+        """Have the errors of an arm with some effects made elsewhere, block by block of some folds (n,) int.
+
+        submit(function, *arguments): gives what the function returns later. Only where all samples are tested: there
+        the solution with these effects is the one that other steps of the proof use, too.
+        """
+        if tested_samples(self.bench) is not None:
+            return
+        model, fit, _ = self.bench.solve(effects, is_complete=False)
+        sent = Model(model.chain, model.effects)  # without its bases, which are megabytes
+        for block in [fold == k for fold in folds for k in np.unique(fold)]:
+            key = _key(effects, block)
+            if key not in self._blocks and not self._is_undetermined_without(effects, block):
+                self._begun[key] = submit(hold_out, sent, fit.parameters, block, ~block, "huber")
 
     def predicted(self, fold: np.ndarray, chosen: Mapping[int, Sequence[Effect]]) -> np.ndarray:
         """(n,) errors where every fold is predicted with effects of its own."""
@@ -324,10 +347,8 @@ class Errors:
 
     def _block(self, effects, block: np.ndarray) -> np.ndarray:
         """(5, k) distances, angles (deg, nan where there are none) and components of the samples of one block (n,)."""
-        names = sorted(map(name_of, effects))
-        key = tuple(names), block.tobytes()
         predict = self._of_sensor if self.bench.chain is None else self._of_arm
-        return cached(self._blocks, key, lambda: predict(effects, block)[:, block])
+        return cached(self._blocks, _key(effects, block), lambda: predict(effects, block)[:, block])
 
     def _of_sensor(self, effects, block: np.ndarray) -> np.ndarray:
         """(5, n): px and nan."""
@@ -349,13 +370,20 @@ class Errors:
             out[:2] = _lengths_of(problem, rows)
             out[2:] = pad_to_position(_components_of(problem, rows))
             return self._without_ambiguous(out, effects, block)
-        model, fit, _ = self.bench.solve(effects, is_complete=False)
-        found = hold_out(model, fit.parameters, block, ~block, "huber")
+        found = self._held_out(effects, block)
         out[0], out[2:] = np.sqrt(found.squares), found.position
         if len(found.rotation):
             squared_rotation = (found.rotation**2).sum(0)
             out[1] = np.rad2deg(np.sqrt(squared_rotation))
         return self._without_ambiguous(out, effects, block)
+
+    def _held_out(self, effects, block: np.ndarray) -> HeldOut:
+        """A block predicted by a fit of the others; the one that was begun elsewhere, if any."""
+        begun = self._begun.pop(_key(effects, block), None)
+        if begun is not None:
+            return begun.result()
+        model, fit, _ = self.bench.solve(effects, is_complete=False)
+        return hold_out(model, fit.parameters, block, ~block, "huber")
 
     def _without_ambiguous(self, rows: np.ndarray, effects, block: np.ndarray) -> np.ndarray:
         """Rows (5, n) with nan for held-out samples that the effects of the others do not predict."""
@@ -402,6 +430,11 @@ def is_ambiguous(
         next_one = others[others > after].min(initial=np.inf)
         out |= (block & (times > before) & (times < next_one)).any(0)
     return out
+
+
+def _key(effects: Sequence[Effect], block: np.ndarray) -> tuple:
+    """Of the errors of a block (n,) bool with some effects, in any order."""
+    return tuple(sorted(map(name_of, effects))), block.tobytes()
 
 
 def name_of(effect: Effect) -> str:

@@ -88,6 +88,12 @@ def prove(
     nested = searched(searches, terms) if terms else searched(None, ())
     progress("what each term adds to the predictions of the folds")
     terms, lost = stable_terms(bench, terms, nested, inliers)
+    if terms and searches.executor is not None:  # nearly always all of them pass their controls
+        errors.begin(
+            effects_of([term.finding for term in terms]),
+            [result.scheme.fold for result in nested],
+            searches.executor.submit,
+        )
     terms, uncontrolled = _controlled(bench, terms, progress)
     terms, orphans = require_compliances(bench, terms)
     terms, chance = reject_explained_by_correlated_noise(bench, terms)
@@ -213,7 +219,8 @@ def _nested_search(
     compared = errors if bench.chain is not None else Errors(bench, independent=True)
     searched = searched_schemes(bench, terms, tested_schemes)
     results = []
-    found_in_folds = _search_nested(bench, searches, searched, progress, compared)
+    all_folds = [scheme.fold for scheme in tested_schemes]
+    found_in_folds = _search_nested(bench, searches, searched, progress, compared, all_folds)
     by_scheme = dict(zip(searched, found_in_folds))
     for scheme in tested_schemes:
         if scheme not in by_scheme:
@@ -275,11 +282,17 @@ def _scheme_row(bench, row: SchemeErrors, inliers, fixed) -> dict:
 
 
 def _search_nested(
-    bench, searches: FoldSearches, tested_schemes: list[Scheme], progress: Progress, errors: Errors
+    bench,
+    searches: FoldSearches,
+    tested_schemes: list[Scheme],
+    progress: Progress,
+    errors: Errors,
+    all_folds: Sequence[np.ndarray] = (),
 ) -> list[dict[int, list[Finding]]]:
     """Terms that the search finds on the other folds and a held-out test on those alone retains, fold by fold.
 
-    errors: made of each fold while the searches of the next ones still run.
+    errors: made of each fold while the searches of the next ones still run; during the last one, which leaves a core
+    idle, those of the baseline in `all_folds`, each (n,) int.
     """
     found: list[dict[int, list[Finding]]] = [{} for _ in tested_schemes]
     work = [(i, s, k) for i, s in enumerate(tested_schemes) for k in s.folds]
@@ -294,6 +307,8 @@ def _search_nested(
             f"{s.name}: the whole search was made without block {k + 1} of {len(s.folds)}; "
             f"about {duration(seconds_left)} left"
         )
+        for fold in all_folds if done == len(work) - 1 else ():
+            errors((), fold)
     return found
 
 
