@@ -59,3 +59,23 @@ def test_joints_whose_sides_explain_as_much_are_both_named():
     regression = SimpleNamespace(test=lambda column: SimpleNamespace(f=ratios[int(column[0])]))
     columns = np.arange(6)
     assert _joints_of_sides(regression, columns, np.array([0, 2, 3])) == "joint 4 or joint 1"
+
+
+def test_three_targets_of_a_pose_count_as_one():
+    """Errors of poses that all targets share are random from pose to pose, and depend on no side."""
+    found = 0
+    for seed in range(4):
+        made = calibrate(with_three_targets(seed))
+        found += any("side" in name for name in made.noise.findings.structure.depends_on)
+    assert found == 0
+
+
+def with_three_targets(seed: int):
+    """40 poses of three rows each, displaced by a random error of joint 1 that the rows of a pose share."""
+    plain = replace(recorded(seed, n=120, repeats=3), sigma_mm=None)
+    rng = np.random.default_rng(seed)
+    added = rng.normal(0, 0.05, 40).repeat(3)
+    joint = plain.columns["q1_deg"] + added
+    return replace(
+        plain, columns=plain.columns | {"q1_deg": joint, "pose": np.arange(40).repeat(3)}
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from robot_model.measurements.ball_scan import FILE_KIND
 from workbench.fitting.plausibility.hypotheses.corrections import listed
 from workbench.fitting.verdicts.noise_report import DIAGNOSE, NoiseReport, is_above
+from workbench.fitting.verdicts.residual_structure import ORDER
 from workbench.fitting.verdicts.verdict import (
     STATED,
     Noise,
@@ -24,7 +25,7 @@ POSITION, ORIENTATION = "held-out RMS position error", "held-out RMS orientation
 # coordinates. At 1.5 times, parameters take more than half of the coordinates.
 _TOO_FEW = 1.5
 _PLACES = {"base": "the instrument or the base", "tool": "the reflector, sensor or tool"}
-_MAJORITY = 0.5  # share of a mean square from which on it is most of it
+_LEAST_SHARE = 1 - 1 / 1.1**2  # of a mean square, without which its root falls by a tenth
 _MOVED = 0.5  # share of the test error that remains once the part that moved is estimated on the test samples
 
 
@@ -108,15 +109,18 @@ def calibration_verdict(
 
 
 def _structure_of_unknown_noise(report: NoiseReport) -> str:
-    """That most of a residual whose noise is not known is no noise; "" elsewhere."""
+    """That a relevant part of a residual whose noise is not known is no noise; "" elsewhere."""
     structure = report.findings.structure
     if report.known_rms or structure is None or not structure.found:
         return ""
-    if structure.share < _MAJORITY:
+    if structure.share < _LEAST_SHARE:
         return ""
+    moved = ""
+    if ORDER in structure.depends_on:
+        moved = ", as of an instrument, a target, a load or a base that changed"
     return (
-        f"{100 * structure.share:.0f} % of the mean square that the fit leaves is no noise: it depends on "
-        f"{listed(structure.depends_on)}; {DIAGNOSE}."
+        f"At least {100 * structure.share:.0f} % of the mean square that the fit leaves is no noise: it depends on "
+        f"{listed(structure.depends_on)}{moved}; {DIAGNOSE}."
     )
 
 

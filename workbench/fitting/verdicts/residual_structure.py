@@ -6,15 +6,18 @@ is an upper limit of the noise that needs no model of the effect.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from workbench.core.covariates import clock, last_side, reversals
+from workbench.core.distributions import chi2
 from workbench.core.least_squares.adjustment_tests import (
     change_test,
     neighbour_test,
     regression_test,
 )
+from workbench.core.least_squares.linear_algebra import least_squares, thin_svd
 from workbench.core.model import Model
 from workbench.core.parameters import Parameters
 
@@ -25,6 +28,8 @@ _MOST_SAMPLES = 1500
 _LEAST_POSES = 12
 _CONFOUNDED = 0.9
 """Share of the F statistic of the best joint from which on another joint is named next to it."""
+_ROUNDING = 1e-8  # share of the largest singular value below which a direction is rounding
+_TRIALS = 100  # permutations of the sides
 _LEAST_REVERSALS = 4
 """Of a joint, from which on its side is no step in the course of the recording."""
 
@@ -76,7 +81,7 @@ def structure(
         (ORDER, *_of_change(model, parameters, residual, arrows, samples)),
         (JOINTS, *_of_neighbours(means, joints)),
         (JOINTS, *_of_joint_errors(model, parameters, residual)),
-        _of_sides(model, parameters, residual),
+        _of_sides(model, parameters, residual, samples),
     ]
     significant = [(name, share) for name, p, share in tests if p * len(tests) < _LEVEL]
     smallest = min(p for _, p, _ in tests) * len(tests)
@@ -163,7 +168,7 @@ def _of_joint_errors(model: Model, parameters: Parameters, residual: np.ndarray)
     return test.p_value, test.share
 
 
-def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
+def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray, samples: Samples):
     """Words, p-value and share for gaps of the joints, by the sides from which they came.
 
     Conditional on periodic errors of the joints. Sides are those that are recorded, else those of the last moves
@@ -187,7 +192,37 @@ def _of_sides(model: Model, parameters: Parameters, residual: np.ndarray):
         regression = replace(regression, rows=np.concatenate([regression.rows, waves]))
     test = regression.test(columns[numbers])
     names = _joints_of_sides(regression, columns, numbers)
-    return SIDE.format(names), test.p_value, test.share
+    p = test.p_value
+    if p < _LEVEL:
+        p = max(
+            p,
+            _p_of_permuted(
+                regression, moved[numbers], sides[numbers], samples.pose[regression.chosen]
+            ),
+        )
+    return SIDE.format(names), p, test.share
+
+
+def _p_of_permuted(regression: "_Regression", moved, sides, pose) -> float:
+    """p-value of what sides (J, n) explain, from sides that are permuted over the poses; moved (J, m, n).
+
+    Targets of one pose err together, and an error of a pose has a direction, so that residuals are no independent
+    numbers. By a gamma distribution with the mean and variance of the permuted gains.
+    """
+    _, first, label = np.unique(pose, return_index=True, return_inverse=True)
+    by_pose = sides[:, first]
+    rng = np.random.default_rng(0)
+    gains = []
+    for _ in range(_TRIALS):
+        order = rng.permutation(len(first))
+        permuted = by_pose[:, order]
+        of_rows = permuted[:, label]
+        gains.append(regression.gain(moved * of_rows[:, None]))
+    found = regression.gain(moved * sides[:, None])
+    mean = max(np.mean(gains), 1e-300)
+    scale = max(np.var(gains) / mean, 1e-300)
+    degrees = 2 * mean / scale
+    return float(chi2.sf(2 * found / scale, degrees))
 
 
 def _joints_of_sides(regression: "_Regression", columns: np.ndarray, numbers: np.ndarray) -> str:
@@ -210,8 +245,9 @@ def _sides(state) -> np.ndarray:
         names = (f"approach{joint}", last_side(joint))
         known = [state.covariates[name] for name in names if name in state.covariates]
         side = known[0] if known else np.zeros(state.n)
-        is_changing = reversals(side, clock(state)) >= _LEAST_REVERSALS
-        sides.append(side if is_changing else np.zeros(state.n))
+        if reversals(side, clock(state)) < _LEAST_REVERSALS:
+            side = np.zeros(state.n)
+        sides.append(side)
     return np.array(sides)
 
 
@@ -224,12 +260,13 @@ def _joint_rows(model: Model, parameters: Parameters) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Regression:
-    """Residual (m, n) and rows (P, m, n) of the fitted parameters, of some samples of a model."""
+    """Residual (m, n) and rows (P, m, n) of the fitted parameters, of the samples `chosen` (n,) of a model."""
 
     model: Model
     residual: np.ndarray
     rows: np.ndarray
     root: np.ndarray
+    chosen: np.ndarray
 
     @classmethod
     def of(cls, model: Model, parameters: Parameters, residual: np.ndarray) -> "_Regression":
@@ -238,7 +275,27 @@ class _Regression:
         chosen = np.unique(np.linspace(0, n - 1, min(n, _MOST_SAMPLES)).astype(int))
         part = model.at(chosen)
         _, rows = part.linearise(parameters)
-        return cls(part, residual[:, chosen], rows, 1 / part.sigma(parameters))
+        return cls(part, residual[:, chosen], rows, 1 / part.sigma(parameters), chosen)
+
+    @cached_property
+    def _orthogonal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Orthonormal basis (N, R) of the fitted parameters, and the residual (N,) orthogonal to it."""
+        white = (self.residual * self.root).ravel()
+        baseline = (self.rows * self.root).reshape(len(self.rows), white.size).T
+        vectors, values, _ = thin_svd(baseline)
+        limit = _ROUNDING * values.max(initial=0.0)
+        basis = vectors[:, values > limit]
+        fitted = basis @ (basis.T @ white)
+        return basis, white - fitted
+
+    def gain(self, columns: np.ndarray) -> float:
+        """Fall of the sum of squares by columns (C, m, n) next to the fitted parameters."""
+        basis, left = self._orthogonal
+        tested = (columns * self.root).reshape(len(columns), left.size).T
+        absorbed = basis @ (basis.T @ tested)
+        tested = tested - absorbed
+        coefficients = least_squares(tested, left)
+        return float(left @ tested @ coefficients)
 
     def test(self, columns: np.ndarray):
         """Test of columns (C, m, n) conditional on the fitted parameters."""
