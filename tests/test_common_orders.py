@@ -90,6 +90,25 @@ def test_an_order_is_as_likely_as_not_at_further_joints(faint):
     assert priors.conditional(numbers[:-1])[numbers[-1]] == pytest.approx(added)
 
 
+def test_the_prior_of_a_set_is_that_of_its_steps(faint):
+    """Also where a joint has an error curve, of which its waves are a part: they show no gear."""
+    problem = faint.problem().conditional_on(())
+    table = ranked_hypotheses(problem)
+    curve = next(h for h in table if h.key == ("joint-curve", "joint-1"))
+    backlash = next(h for h in table if h.effect == "zero-shift")
+    together = waves_of_common_order(problem, table)
+    priors = LogPosterior.of(problem, [*together, curve, backlash]).priors
+    numbers = list(range(len(together) + 2))
+    for k in range(len(numbers)):
+        step = priors.of(numbers[: k + 1]) - priors.of(numbers[:k])
+        assert priors.conditional(numbers[:k])[k] == pytest.approx(step)
+    assert [h.where for h in together][0] == "joint-1"
+    waves_alone = numbers[: len(together)]
+    with_curve = [*waves_alone, len(together)]
+    lost = priors.of(with_curve) - priors.of(waves_alone) - priors.log_prior[len(together)] - SECOND
+    assert lost < -5  # the wave of joint 1 counts as a part of the curve
+
+
 def test_a_table_next_to_a_wave_has_the_order_of_other_joints(faint):
     problem = faint.problem().conditional_on(())
     table = ranked_hypotheses(problem, common_orders.required_waves(problem, _wave_rows(problem)))

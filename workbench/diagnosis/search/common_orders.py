@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot_model.effects.curve import JointCurve
 from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.diagnosis.levels import MAJORITY
 from workbench.diagnosis.linear.candidates import Scan
@@ -38,12 +39,21 @@ def rounded_order(order: float) -> float:
     return float(np.rint(order / step) * step)
 
 
+def is_curve(h: Hypothesis) -> bool:
+    """Whether a term is the error curve of a joint, of which waves at this joint are a part.
+
+    An error of many orders shows no gear, so that its orders say nothing of other joints, nor theirs of it.
+    """
+    return not h.smooth_covariates and any(isinstance(e, JointCurve) for e in h.effects)
+
+
 def groups_of(terms: Sequence[Hypothesis]) -> dict[float, set[str]]:
-    """Orders beyond those that any joint has among some terms, with the joints that have each."""
+    """Orders beyond those that any joint has among some terms, with the joints without a curve that have each."""
+    with_curve = {h.where for h in terms if is_curve(h)}
     groups: dict[float, set[str]] = {}
     for h in terms:
         group = order_group(h)
-        if np.isfinite(group):
+        if np.isfinite(group) and h.where not in with_curve:
             groups.setdefault(group, set()).add(h.where)
     return groups
 
@@ -69,7 +79,11 @@ def with_common_orders(
     groups = groups_of(terms)
     if not groups:
         return list(table)
-    common = [h.where not in groups.get(order_group(h), {h.where}) for h in table]
+    with_curve = {h.where for h in terms if is_curve(h)}
+    common = []
+    for h in table:
+        joints = groups.get(order_group(h), set())
+        common.append(bool(joints) and h.where not in joints | with_curve)
     count = len({h.where for h, is_common in zip(table, common) if is_common})
     if not count:
         return list(table)
@@ -90,14 +104,17 @@ def wave_scans(problem: Problem) -> list[Scan]:
     return [s for s in problem.scans if s.effect == name and not s.is_exact]
 
 
-def waves_of_common_order(problem: Problem, table: Sequence[Hypothesis]) -> list[Hypothesis]:
+def waves_of_common_order(
+    problem: Problem, table: Sequence[Hypothesis], accepted: Sequence[Hypothesis] = ()
+) -> list[Hypothesis]:
     """The waves of the order that is most probable at several joints together; none where no order is.
 
-    problem: conditional on what is accepted; table: of the same. Each joint has the order or does not, either as likely
-    as the other, so that its Bayes factor B counts as (1 + B) / 2.
+    problem: conditional on what is accepted; table: of the same. Joints with an accepted curve have none. Each joint has
+    the order or does not, either as likely as the other, so that its Bayes factor B counts as (1 + B) / 2.
     """
     known = {h.family: h for h in table if np.isfinite(order_group(h))}
-    scans = [scan for scan in wave_scans(problem) if scan.family in known]
+    with_curve = {h.where for h in accepted if is_curve(h)}
+    scans = [s for s in wave_scans(problem) if s.family in known and s.where not in with_curve]
     if len(scans) < 2:
         return []
     projected = Projected(problem)

@@ -151,7 +151,7 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         first = _most_probable(search.full_table(()), _FIRST, _MAX_SMOOTH)
         search.screened = with_estimated_options(search, first, ())
     table = search.table(search.accepted_indices)
-    waves = waves_of_common_order(search.problem.conditional_on(), table)
+    waves = waves_of_common_order(search.problem.conditional_on(), table, search.accepted)
     pools = [search.screened, waves]
     if search.accepted:
         additions = _most_probable(table, _FIRST // 2, _MAX_SMOOTH)

@@ -25,8 +25,10 @@ from workbench.diagnosis.linear.candidates import Candidate, Scan
 from workbench.diagnosis.linear.evidence import Projected, log_evidence_by_size
 from workbench.diagnosis.linear.hypotheses import Hypothesis
 from workbench.diagnosis.linear.problem import Problem
-from workbench.diagnosis.search.common_orders import LOG_ODDS_OF_COMMON, order_group
+from workbench.diagnosis.search.common_orders import LOG_ODDS_OF_COMMON, is_curve, order_group
 
+CURVE = -1.0
+"""In the place of an order: the error curve of a joint."""
 SECOND = float(np.log(0.2))
 """Log prior odds of one more term, in addition to its own prior."""
 DEFLECTS = tuple({kind.effect for kind in CATALOGUE.values() if kind.compliance_prior})
@@ -53,7 +55,7 @@ class Priors:
     `scale` (K,): prior size over the typical one; `positive` (K,): how many first coefficients cannot be negative;
     `reference`: (effect, where, compliance) of all joints, at their maximum; `joints` (N, J): their contributions to
     the measurements, the baseline projected out; `residual` (N,): residual of the other accepted laws, if known.
-    `order` (K,): as of `order_group`, with the places `where` (K,).
+    `order` (K,): as of `order_group`, `CURVE` of error curves, with the places `where` (K,).
     """
 
     log_prior: np.ndarray
@@ -80,21 +82,24 @@ class Priors:
             return 0.0
         of_terms = np.where(self.elastic, self.log_odds, self.log_prior)[members]
         first = self.deflects if self.elastic[members].any() else 0.0
-        common = sum(self._common_order(members[:k], number) for k, number in enumerate(members))
+        common = self._common_orders(members)
         return float(of_terms.sum()) + first + common + (len(members) - 1) * SECOND
 
-    def _common_order(self, members: Sequence[int], number: int) -> float:
-        """What a term gains by having the order of members at other joints, in log prior odds.
+    def _common_orders(self, members: Sequence[int]) -> float:
+        """What terms gain by having the order of others at other joints, in log prior odds.
 
-        The order itself has the highest prior of these joints once, whichever of them comes first.
+        The order itself has the highest prior of these joints once; see `is_curve` for joints with an error curve.
         """
-        if not np.isfinite(self.order[number]):
+        waves = [i for i in members if self.order[i] > 0]
+        if len(waves) < 2:
             return 0.0
-        same = [i for i in members if self.order[i] == self.order[number]]
-        if not same or any(self.where[i] == self.where[number] for i in same):
-            return 0.0
-        lowest = min(self.log_prior[number], max(self.log_prior[i] for i in same))
-        return max(LOG_ODDS_OF_COMMON - float(lowest), 0.0)
+        with_curve = {self.where[i] for i in members if self.order[i] == CURVE}
+        priors: dict[float, dict[str, float]] = {}
+        for i in waves:
+            if self.where[i] not in with_curve:
+                joints = priors.setdefault(self.order[i], {})
+                joints.setdefault(self.where[i], float(self.log_prior[i]))
+        return sum(_gain_of_common(list(joints.values())) for joints in priors.values())
 
     def select_terms(self, rows: np.ndarray) -> "Priors":
         """Of some of the terms, by their numbers (k,)."""
@@ -105,9 +110,23 @@ class Priors:
         """(K,) log prior odds of each term conditional on a set."""
         first = 0.0 if self.elastic[list(members)].any() else self.deflects
         step = np.where(self.elastic, self.log_odds + first, self.log_prior)
-        for number in np.flatnonzero(np.isfinite(self.order)):
-            step[number] += self._common_order(members, number)
+        step = step + self._further_common_orders(list(members))
         return step + SECOND if len(members) else step
+
+    def _further_common_orders(self, members: list[int]) -> np.ndarray:
+        """(K,) change of `_common_orders` of a set by each further term."""
+        change = np.zeros(len(self.order))
+        if (self.order[members] > 0).any():
+            present = self._common_orders(members)
+            for number in np.flatnonzero(np.isfinite(self.order)):
+                change[number] = self._common_orders([*members, int(number)]) - present
+        return change
+
+
+def _gain_of_common(log_priors: Sequence[float]) -> float:
+    """What waves of one order at several joints gain in log prior odds; log_priors: of each alone."""
+    further = sorted(log_priors)[:-1]
+    return sum(max(LOG_ODDS_OF_COMMON - prior, 0.0) for prior in further)
 
 
 def elastic_prior(
@@ -142,7 +161,7 @@ def elastic_prior(
     else:
         deflects = 0.0
     deflects -= problem.moments_cost
-    order = np.array([order_group(h) for h in terms])
+    order = np.array([CURVE if is_curve(h) else order_group(h) for h in terms])
     where = np.array([h.where for h in terms])
     priors = Priors(log_prior, log_odds, elastic, scale, positive, order, where, deflects)
     if robot is None:
