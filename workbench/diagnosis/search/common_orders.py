@@ -109,8 +109,9 @@ def waves_of_common_order(
 ) -> list[Hypothesis]:
     """The waves of the order that is most probable at several joints together; none where no order is.
 
-    problem: conditional on what is accepted; table: of the same. Joints with an accepted curve have none. Each joint has
-    the order or does not, either as likely as the other, so that its Bayes factor B counts as (1 + B) / 2.
+    problem: conditional on what is accepted; table: of the same. Joints with an accepted curve have none.
+    Each joint has the order or does not, either as likely as the other, so that its Bayes factor B counts as
+    (1 + B) / 2.
     """
     known = {h.family: h for h in table if np.isfinite(order_group(h))}
     with_curve = {h.where for h in accepted if is_curve(h)}
