@@ -446,3 +446,15 @@ def test_a_small_share_of_what_a_law_leaves_is_no_structure(bench, share, expect
     assert is_remainder_located(bench, found, (lines,)) is expected
     assert is_remainder_located(bench, found, (law, jitter))
     assert is_remainder_located(bench, found, ())
+
+
+def test_jitter_names_a_vibration_as_its_alternative():
+    """A vibration whose frequency the times of the images do not show displaces whole stripes at random, too."""
+    table = 0.1 * np.random.default_rng(3).normal(size=(20, 40))
+    jittered = moved_by(lambda placement, step: table[placement, step])
+    (term,) = image_terms(jittered, (), jittered.problem())
+    assert term.finding.effect == "mirror-jitter"
+    (alternative,) = term.finding.alternatives
+    assert (alternative.effect, alternative.where) == ("mirror-vibration", "mirror")
+    assert "time_s" in alternative.why
+    assert "vibration" in statement(term, "the image", "px")

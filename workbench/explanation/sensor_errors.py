@@ -11,7 +11,7 @@ from robot_model.measurements.closure import rigid_fit
 from sensors.camera.correlated_errors.displaced_lines import DisplacedLine
 from sensors.effects.laser import GhostLine
 from sensors.effects.optics import Blooming, FocusBreathing, LensResidual
-from sensors.effects.recorded import BoardPointErrors
+from sensors.effects.recorded import BoardPointErrors, MirrorVibration
 from sensors.scanner.residuals.rejected_points import RejectedPoints
 from sensors.stripe.second_line import SecondLine
 from workbench.core.effect import Effect
@@ -184,6 +184,7 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     jitter = find_image_jitter(bench, effects, problem)
     if jitter is not None:
         finding = jitter.finding if bench.focal is None else _or_focal_length(jitter.finding)
+        finding = _or_vibration(finding) if bench.kind.mirror else finding
         lines = (*lines, Term(finding, jitter.parameters, jitter.sigma_px))
     focal = bench.focal
     if focal is not None:
@@ -191,6 +192,13 @@ def image_terms(bench, terms: Sequence[Term], problem: Problem) -> tuple[Term, .
     if lines or effects:
         return (*lines, *ghost_line_terms(bench, effects))
     return (*ghost_line_terms(bench, effects), *line_structure_terms(bench))
+
+
+def _or_vibration(jitter: Finding) -> Finding:
+    """Jitter with the alternative of a vibration whose frequency the times of the images do not show."""
+    why = "is random from image to image where its frequency is not found in the times of the images (time_s)"
+    description = (MirrorVibration.effect, "mirror", "", 0.0, 1.0, why)
+    return replace(jitter, alternatives=(*jitter.alternatives, Alternative(*description)))
 
 
 def _or_focal_length(jitter: Finding) -> Finding:
