@@ -52,7 +52,6 @@ def gon(recording):
 
 
 FAULTS = {
-    "10 % blunders": lambda: recorded(0, change=blunders),
     "instrument moved midway": lambda: recorded(1, change=moved),
     "readings rounded to degrees": lambda: rounded(recorded(2)),
     "shuffled points": lambda: recorded(3, change=shuffled),
@@ -82,15 +81,21 @@ def test_a_tenth_of_blunders_is_named_by_sample_number():
     wrong = recorded(0, change=blunders)
     shift = np.stack([wrong.columns[k] - recorded(0).columns[k] for k in XYZ])
     truth = set(wrong.sample_ids[np.abs(shift).max(0) > 0].tolist())
-    findings = geometry_of(wrong).noise.findings
+    made = geometry_of(wrong)
+    findings = made.noise.findings
     named = {*findings.outlying, *findings.left_out}
     assert named <= truth and len(named) >= len(truth) - 1
+    assert findings.test.factor < 1.2, "the rows that are named are left out, and the others agree"
+    assert any("leaves them out" in text for text in made.warnings)
 
 
 def test_at_most_twelve_samples_are_named_in_a_sentence():
     made = geometry_of(recorded(6, n=200, change=blunders))
-    (sentence,) = [text for text in made.noise.warnings if "do not agree with the others" in text]
-    assert f"and {len(made.noise.findings.outlying) - 12} more" in sentence
+    (sentence,) = [text for text in made.noise.warnings if "left out of the fit as faulty" in text]
+    assert f"and {len(made.noise.findings.left_out) - 12} more" in sentence
+    report_of_outlying = report(replace(made.noise.findings, outlying=tuple(range(1, 21))))
+    (sentence,) = [t for t in report_of_outlying.warnings if "do not agree with the others" in t]
+    assert "and 8 more" in sentence
 
 
 def test_a_single_lost_beam_is_left_out_and_said():

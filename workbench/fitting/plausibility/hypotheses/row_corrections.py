@@ -1,4 +1,4 @@
-"""Mistakes in the order of rows: measurements, or one joint column, shifted by a few rows, or in reverse order."""
+"""Mistakes in the order of rows: measurements, or a joint column, are shifted, reversed, or sorted as text."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,6 +13,8 @@ from workbench.fitting.plausibility.hypotheses.corrections import (
 )
 
 ROWS = "rows"
+_LAST_DIGIT = 9
+"""Up to so many numbers, texts and numbers have one order."""
 
 
 def row_corrections(recording) -> Iterator[Correction]:
@@ -27,7 +29,10 @@ def row_corrections(recording) -> Iterator[Correction]:
         yield _shifted(names, rows)
         if labelled:
             yield _shifted(bare, rows)
-    yield _reversed(names)
+    yield _reversed(names, 1)
+    if step > 1 and recording.n % step == 0:
+        yield _reversed(names, step)
+    yield from _sorted_as_text(recording, names)
     for name in joint_columns(recording.columns):
         yield from (_column_late(name, rows) for rows in (step, -step))
 
@@ -99,9 +104,12 @@ def _column_late(name: str, step: int) -> Correction:
     )
 
 
-def _reversed(names) -> Correction:
+def _reversed(names, step: int) -> Correction:
+    """All rows in reverse order, or the poses of `step` rows each."""
+
     def apply(robot, recording):
-        columns = {c: v[::-1] if c in names else v for c, v in recording.columns.items()}
+        source = np.arange(recording.n).reshape(-1, step)[::-1].ravel()
+        columns = {c: v[source] if c in names else v for c, v in recording.columns.items()}
         return robot, replace(recording, columns=columns)
 
     return Correction(
@@ -109,6 +117,43 @@ def _reversed(names) -> Correction:
         "rows",
         "hold the measurements in reverse order",
         "reverse the measured columns",
+        frozenset({ROWS}),
+        apply,
+    )
+
+
+def _sorted_as_text(recording, names) -> Iterator[Correction]:
+    """Numbers 1, 10, 11, ..., 2 (or 0, 1, 10, ...) of the poses, in the measured columns or in the readings alone."""
+    step = _rows_per_pose(recording)
+    count = recording.n // step
+    if count * step != recording.n or count <= _LAST_DIGIT:
+        return
+    for first in (1, 0):
+        labels = [str(number) for number in range(first, first + count)]
+        order = np.array(sorted(range(count), key=labels.__getitem__))
+        rank = np.argsort(order)
+        in_order = ", ".join(labels[k] for k in order[:4])
+        for poses, sorted_part, other in (
+            (rank, "measurements", "joint readings"),
+            (order, "joint readings", "measurements"),
+        ):
+            source = (step * poses[:, None] + np.arange(step)).ravel()
+            yield _in_other_order(names, source, in_order, sorted_part, other)
+
+
+def _in_other_order(names, source, in_order: str, sorted_part: str, other: str) -> Correction:
+    """The measurement of each row is in the row `source` (n,); sorted_part: what is sorted as text, not the other."""
+
+    def apply(robot, recording):
+        columns = {c: v[source] if c in names else v for c, v in recording.columns.items()}
+        return robot, replace(recording, columns=columns)
+
+    return Correction(
+        "rows-sorted-as-text",
+        "rows",
+        f"hold {sorted_part} whose numbers were sorted as text ({in_order} ...), next to {other} in the order of "
+        "numbers",
+        f"sort the {sorted_part} by number",
         frozenset({ROWS}),
         apply,
     )
