@@ -235,14 +235,18 @@ class Effect:
     def check(self, chain) -> None:
         """Raise InputError if the chain has no such joint, link or ball, or if a joint is not revolute as required."""
         place = self.place.kind
-        if place in NUMBERED and self.number not in (known := chain.numbers(place)):
-            raise InputError(
-                f"{self.title}: expected {place}-K with K one of {', '.join(map(str, known))}, "
-                f"found '{self.where}'; correct the place"
-            )
+        if place in NUMBERED:
+            self._check_number(place, chain.numbers(place))
         if self.turning and chain.slides(self.number):
             raise InputError(
                 f"{self.title}: expected a revolute joint, found a prismatic one; remove the effect or change its place"
+            )
+
+    def _check_number(self, place: str, known) -> None:
+        if self.number not in known:
+            raise InputError(
+                f"{self.title}: expected {place}-K with K one of {', '.join(map(str, known))}, "
+                f"found '{self.where}'; correct the place"
             )
 
     def port_indices(self, chain) -> tuple[int, ...]:

@@ -154,15 +154,18 @@ class Model:
         evaluation = self.evaluate(parameters)
 
         def rows() -> np.ndarray:
-            chain_columns = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
-            if (
-                len(chain_columns) == parameters.mask.sum()
-            ):  # no effect is free: the rows need not be copied
-                return self.joined(evaluation.own_rows(chain_columns))
-            rows_of_all = np.empty((parameters.mask.sum(), *evaluation.residual.shape))
-            return self.joined(self.fill_rows(evaluation, parameters, rows_of_all))
+            return self.joined(self._free_rows(evaluation, parameters))
 
         return self.joined(evaluation.residual), rows
+
+    def _free_rows(self, evaluation, parameters: Parameters) -> np.ndarray:
+        """(F, m, n) derivative of the residual by the free parameters."""
+        count = parameters.mask.sum()
+        chain_columns = np.flatnonzero(parameters.mask[: len(self.chain.parameters)])
+        if len(chain_columns) == count:  # no effect is free: the rows need not be copied
+            return evaluation.own_rows(chain_columns)
+        rows = np.empty((count, *evaluation.residual.shape))
+        return self.fill_rows(evaluation, parameters, rows)
 
     def joined(self, columns: np.ndarray) -> np.ndarray:
         """(..., n) sums of (..., poses n): where several arm poses make one sample, their contributions add up."""
@@ -300,14 +303,14 @@ class Model:
         """The same of some effects with their spans."""
         by_port: dict[str, list] = {}
         for effect, span in effects:
-            if (
-                effect.port not in STATE_PORTS
-                and (values[span] != self.parameters.nulls[span]).any()
-            ):
-                by_port.setdefault(effect.port, []).append(
-                    (self._port_indices[effect], self._delta(effect, span, values))
-                )
+            if effect.port not in STATE_PORTS and self._is_changed(span, values):
+                piece = self._port_indices[effect], self._delta(effect, span, values)
+                by_port.setdefault(effect.port, []).append(piece)
         return {port: _add_up(pieces) for port, pieces in by_port.items()}
+
+    def _is_changed(self, span: slice, values) -> bool:
+        """Whether some parameter of an effect is not at its null."""
+        return (values[span] != self.parameters.nulls[span]).any()
 
     def _delta(self, effect, span, values):
         if effect.linear:

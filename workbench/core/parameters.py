@@ -1,6 +1,6 @@
 """Parameters of a model: named values with unit, null value, typical size, prior and free mask."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -29,6 +29,14 @@ class Parameter:
     prior: float | None = None
 
 
+def _check_keys(keys: Sequence[str]) -> None:
+    if len(set(keys)) != len(keys):
+        duplicates = sorted({key for key in keys if keys.count(key) > 1})
+        raise InputError(
+            f"two parameters are called {duplicates[0]}: list an effect at one place once"
+        )
+
+
 @dataclass(frozen=True)
 class Parameters:
     """Ordered, frozen table of P parameters. Methods return a changed copy.
@@ -54,12 +62,7 @@ class Parameters:
     def of(cls, table: Iterable[Parameter]) -> "Parameters":
         """All of `table` at their nulls, none free."""
         table = tuple(table)
-        keys = [parameter.key for parameter in table]
-        if len(set(keys)) != len(keys):
-            duplicates = sorted({key for key in keys if keys.count(key) > 1})
-            raise InputError(
-                f"two parameters are called {duplicates[0]}: list an effect at one place once"
-            )
+        _check_keys([parameter.key for parameter in table])
         values = np.array([parameter.null for parameter in table], dtype=float)
         return cls(table, values, np.zeros(len(table), bool))
 
@@ -100,10 +103,13 @@ class Parameters:
         for pattern in patterns:
             hits = np.array([fnmatchcase(key, pattern) for key in self.keys], bool)
             if not hits.any():
-                first = ", ".join(self.keys[:6]) + (", ..." if len(self.keys) > 6 else "")
-                raise InputError(f"no parameter matches '{pattern}': the model has {first}")
+                raise self._no_match(pattern)
             chosen |= hits
         return chosen
+
+    def _no_match(self, pattern: str) -> InputError:
+        first = ", ".join(self.keys[:6]) + (", ..." if len(self.keys) > 6 else "")
+        return InputError(f"no parameter matches '{pattern}': the model has {first}")
 
     def free(self, *patterns: str) -> "Parameters":
         """The same with the matching ones free."""

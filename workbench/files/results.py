@@ -226,14 +226,14 @@ def save_arrows(calibration, folder: Path) -> None:
     """
     recording = calibration.recording
     columns = {"sample": recording.sample_ids, "pose": recording.poses}
-    columns |= {
-        f"{axis}_mm": row for axis, row in zip("xyz", np.asarray(calibration.points, float))
-    }
-    columns |= {
-        f"d{axis}_mm": row
-        for axis, row in zip("xyz", np.asarray(calibration.residual_in_root, float))
-    }
+    columns |= _axis_columns("", calibration.points)
+    columns |= _axis_columns("d", calibration.residual_in_root)
     _write_parquet(columns, folder / ARROWS)
+
+
+def _axis_columns(prefix: str, rows) -> dict[str, np.ndarray]:
+    """Columns `prefix`x_mm, y_mm, z_mm of rows (3, n)."""
+    return {f"{prefix}{axis}_mm": row for axis, row in zip("xyz", np.asarray(rows, float))}
 
 
 def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
@@ -244,23 +244,25 @@ def _write_parquet(columns: dict[str, np.ndarray], path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    arrays = []
-    for values in columns.values():
-        contiguous = np.ascontiguousarray(values)
-        kind = pa.from_numpy_dtype(contiguous.dtype)
-        arrays.append(
-            pa.Array.from_buffers(kind, len(contiguous), [None, pa.py_buffer(contiguous)])
-        )
+    arrays = list(map(_arrow_array, columns.values()))
     table = pa.Table.from_arrays(arrays, names=list(columns))
     pq.write_table(table, path, write_page_checksum=True)
+
+
+def _arrow_array(values: np.ndarray):
+    """A pyarrow array of numbers (n,) that shares their memory."""
+    import pyarrow as pa
+
+    contiguous = np.ascontiguousarray(values)
+    kind = pa.from_numpy_dtype(contiguous.dtype)
+    return pa.Array.from_buffers(kind, len(contiguous), [None, pa.py_buffer(contiguous)])
 
 
 def _residual_columns(calibration):
     """Column name -> (n,): position residuals in mm, then rotation residuals in degrees where there are any."""
     columns = {"sample": calibration.recording.sample_ids, "fold": calibration.fold}
     for name in ("fit", "held_out", "nominal"):
-        rows = getattr(calibration, f"{name}_residual")
-        columns |= {f"{name}_{axis}_mm": row for axis, row in zip("xyz", rows)}
+        columns |= _axis_columns(f"{name}_", getattr(calibration, f"{name}_residual"))
     for name, residual in calibration.rotation.items():
         columns |= {f"{name}_{axis}_deg": row for axis, row in rotation_columns(residual).items()}
     return columns

@@ -397,12 +397,16 @@ def _read(path: Path) -> dict:
             f"{path}: expected JSON as `workbench calibrate` writes it, found another kind of file "
             f"({problem}); name its solution.json"
         ) from None
+    _check_format(keys, path)
+    return keys
+
+
+def _check_format(keys, path: Path) -> None:
     if not isinstance(keys, dict) or keys.get("format") != FORMAT:
         raise InputError(
             f"{path}, key format: expected '{FORMAT}', found something else; "
             "name the solution.json of a run of `workbench calibrate`"
         )
-    return keys
 
 
 def _trust(keys) -> tuple[bool, str]:

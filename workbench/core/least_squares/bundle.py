@@ -288,10 +288,13 @@ class _Problem:
         """The squares under some weights, the present ones by default, and those of the priors."""
         weights = self.point.weights if weights is None else weights
         squares = sum(float(w @ z) for w, z in zip(weights, point.squares))
-        prior = self.trust @ (self.dense(point) - self.centre) ** 2
-        return squares + float(
-            prior + ((self.eliminated(point) - self.own_centre) ** 2 @ self.own_trust).sum()
-        )
+        return squares + self._prior_cost(point)
+
+    def _prior_cost(self, point) -> float:
+        """The squares of the distances to the priors."""
+        dense = self.trust @ (self.dense(point) - self.centre) ** 2
+        eliminated = (self.eliminated(point) - self.own_centre) ** 2 @ self.own_trust
+        return float(dense + eliminated.sum())
 
     def reduced(self, damping):
         """Schur complement (D, D) of the damped normal matrix, and own^-1 [cross, gradient] (G, L, D + 1)."""
@@ -458,14 +461,19 @@ class _Problem:
 
     def table(self):
         """The dense unknowns as parameters, all free, at their present values."""
-        shared = [
-            p for p, free in zip(self.point.parameters.table, self.point.parameters.mask) if free
-        ]
-        dense_parameters = [
-            f.table() for name, f in self.families.items() if name != self.layout.eliminate
-        ]
-        table = Parameters.of([*shared, *(p for rows in dense_parameters for p in rows)])
+        table = Parameters.of([*self._free_parameters(), *self._family_parameters()])
         return replace(table, values=self.dense(self.point), mask=np.ones(len(table), bool))
+
+    def _free_parameters(self):
+        """The shared parameters that are free."""
+        parameters = self.point.parameters
+        return [p for p, free in zip(parameters.table, parameters.mask) if free]
+
+    def _family_parameters(self):
+        """The parameters of all families that are not eliminated, one family after the other."""
+        for name, family in self.families.items():
+            if name != self.layout.eliminate:
+                yield from family.table()
 
 
 def _layout(parameters, families, eliminate):

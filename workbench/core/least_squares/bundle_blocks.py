@@ -294,11 +294,12 @@ class Part:
             shaped[free:-1, j].transpose(1, 0, 2) @ shaped[:, j].transpose(1, 2, 0)
             for j in range(rows.shape[1])
         )
-        return (
-            grams
-            if len(self.tiles.start) == len(grams)
-            else np.add.reduceat(grams, self.tiles.start)
-        )
+        return self._sum_of_tiles(grams)
+
+    def _sum_of_tiles(self, grams):
+        """Gram matrices of tiles (T, ...) added up for each combination of groups."""
+        start = self.tiles.start
+        return grams if len(start) == len(grams) else np.add.reduceat(grams, start)
 
     def _add_families(self, blocks, grams, free):
         spans = {}

@@ -192,12 +192,16 @@ def identifiability(
 
 def _exact(scaled, weight):
     """(E, F) null directions of the matrix with columns of unit length, back in typical sizes."""
-    # what rounding leaves of a column of zeros is not to be blown up
-    seen = weight > max(_NO_EFFECT, _ROUNDING * weight.max(initial=0.0))
-    length = np.where(seen, weight, 1)
-    matrix = scaled * np.outer(seen, seen) / np.outer(length, length)
+    has_effect = _has_effect(weight)
+    length = np.where(has_effect, weight, 1)
+    matrix = scaled * np.outer(has_effect, has_effect) / np.outer(length, length)
     values, vectors = symmetric_eigen(matrix)
     return (vectors[:, values < _SAME] / length[:, None]).T
+
+
+def _has_effect(weight):
+    """Whether columns of length `weight` are more than what rounding leaves of a column of zeros."""
+    return weight > max(_NO_EFFECT, _ROUNDING * weight.max(initial=0.0))
 
 
 def _echelon(rows):
@@ -282,9 +286,15 @@ def _solve_lower(factor: np.ndarray, right: np.ndarray, transposed: bool = False
 
 def confounded_sentence(labels: Sequence[str]) -> str:
     """A combination of parameters, by their labels, that is not identifiable."""
-    if len(labels) == 2:
-        return f"{labels[0]} and {labels[1]} are confounded: only a combination of them is identifiable"
-    if len(labels) > _NAMED + 1:
-        labels = [*labels[:_NAMED], f"{len(labels) - _NAMED} more"]
-    others = ", ".join(labels[1:-1]) + f" and {labels[-1]}"
-    return f"{labels[0]} is confounded with a combination of {others}"
+    first, *others = labels
+    if len(others) == 1:
+        return f"{first} and {others[0]} are confounded: only a combination of them is identifiable"
+    return f"{first} is confounded with a combination of {_listed(others)}"
+
+
+def _listed(labels: Sequence[str]) -> str:
+    """Two labels or more as a list in words, the last ones by their number where they are many."""
+    if len(labels) > _NAMED:
+        shown = labels[: _NAMED - 1]
+        labels = [*shown, f"{len(labels) - len(shown)} more"]
+    return ", ".join(labels[:-1]) + f" and {labels[-1]}"

@@ -67,8 +67,8 @@ def _eigen_one_by_one(matrices):
     """The same by the QR algorithm (LAPACK syev), which converges where divide and conquer does not."""
     flat = matrices.reshape(-1, *matrices.shape[-2:])
     pairs = [linalg.eigh((matrix + matrix.T) / 2, driver="ev") for matrix in flat]
-    values = np.stack([value for value, _ in pairs]).reshape(matrices.shape[:-1])
-    return values, np.stack([vectors for _, vectors in pairs]).reshape(matrices.shape)
+    values, vectors = (_stacked(factors, matrices.shape[:-2]) for factors in zip(*pairs))
+    return values, vectors
 
 
 def symmetric_eigenvalues(matrix: np.ndarray) -> np.ndarray:
@@ -100,10 +100,12 @@ def _svd_one_by_one(matrices):
     decompositions = [
         linalg.svd(matrix, full_matrices=False, lapack_driver="gesvd") for matrix in flat
     ]
-    shapes = [(*matrices.shape[:-2], *part.shape) for part in decompositions[0]]
-    return tuple(
-        np.stack(factors).reshape(shape) for factors, shape in zip(zip(*decompositions), shapes)
-    )
+    return tuple(_stacked(factors, matrices.shape[:-2]) for factors in zip(*decompositions))
+
+
+def _stacked(factors, shape: tuple[int, ...]) -> np.ndarray:
+    """Factors of single matrices as one array (*shape, ...)."""
+    return np.stack(factors).reshape(*shape, *factors[0].shape)
 
 
 def solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -73,12 +73,14 @@ def _first_columns(function: Function, diagonal: np.ndarray, off_diagonal: np.nd
     """(k, K) first columns of f of K tridiagonal matrices: diagonal (k, K), off_diagonal (k - 1, K)."""
     out = np.empty_like(diagonal)
     for c in range(diagonal.shape[1]):
-        neighbours = off_diagonal[:, c]
-        values, directions = symmetric_eigen(
-            np.diag(diagonal[:, c]) + np.diag(neighbours, 1) + np.diag(neighbours, -1)
-        )
+        values, directions = symmetric_eigen(_tridiagonal(diagonal[:, c], off_diagonal[:, c]))
         out[:, c] = (directions * function(values)) @ directions[0]
     return out
+
+
+def _tridiagonal(diagonal: np.ndarray, off_diagonal: np.ndarray) -> np.ndarray:
+    """(k, k) symmetric matrix."""
+    return np.diag(diagonal) + np.diag(off_diagonal, 1) + np.diag(off_diagonal, -1)
 
 
 def _is_same(before: np.ndarray, now: np.ndarray) -> bool:

@@ -232,15 +232,19 @@ def _check_limits(file: RobotFile, where: str) -> None:
 
 def _check_coupling(file: RobotFile, where: str) -> None:
     for k, joint in enumerate(file.joint, 1):
-        other = joint.coupled.joint if joint.coupled is not None else None
-        if other is not None and (other == k or not 1 <= other <= len(file.joint)):
-            expected = f"the number of another joint, 1 to {len(file.joint)}"
-            raise complaint(
-                f"{where}: joint {k}, key coupled.joint",
-                expected,
-                other,
-                "name the joint whose motion is added",
-            )
+        if joint.coupled is not None:
+            _check_coupled_joint(k, joint.coupled.joint, len(file.joint), where)
+
+
+def _check_coupled_joint(k: int, other: int, count: int, where: str) -> None:
+    """Raise InputError where joint k of `count` is coupled to itself or to none of them."""
+    if other == k or not 1 <= other <= count:
+        raise complaint(
+            f"{where}: joint {k}, key coupled.joint",
+            f"the number of another joint, 1 to {count}",
+            other,
+            "name the joint whose motion is added",
+        )
 
 
 def _check_rest(file: RobotFile, where: str) -> None:

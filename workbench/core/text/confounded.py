@@ -11,11 +11,20 @@ def confounded_lists(stages: Sequence[Mapping]) -> list[tuple[str, list[str]]]:
     lists = []
     listed: set[str] = set()
     for stage in stages:
-        in_any_poses = stage["undetermined_in_any_poses"]
-        in_these_poses = [text for text in stage["undetermined"] if text not in in_any_poses]
-        for where, sentences in (("any", in_any_poses), ("these", in_these_poses)):
+        for title, sentences in _lists_of_stage(stage):
             new_sentences = [text for text in sentences if text not in listed]
             listed.update(new_sentences)
             if new_sentences:
-                lists.append((f"in {where} poses, with {stage['name']}", new_sentences))
+                lists.append((title, new_sentences))
     return lists
+
+
+def _lists_of_stage(stage: Mapping) -> list[tuple[str, list[str]]]:
+    """All sentences of a stage: of any poses, and of the recorded poses alone."""
+    in_any_poses = stage["undetermined_in_any_poses"]
+    in_these_poses = [text for text in stage["undetermined"] if text not in in_any_poses]
+    name = stage["name"]
+    return [
+        (f"in any poses, with {name}", in_any_poses),
+        (f"in these poses, with {name}", in_these_poses),
+    ]

@@ -29,16 +29,23 @@ def file_name(identifier: str, encode_capitals: bool = False) -> str:
     if not identifier:
         return _EMPTY
     encoded = [_encode(character, encode_capitals) for character in identifier]
-    # A leading dot hides a file, a leading hyphen looks like an option, and Windows drops a trailing dot.
-    for place, characters in ((0, ".-"), (-1, ".")):
-        if identifier[place] in characters:
-            encoded[place] = _escape(identifier[place])
-    if _DEVICE.fullmatch(identifier):
-        encoded[0] = _escape(identifier[0])
+    _escape_ends(encoded, identifier)
     name = "".join(encoded)
     if len(name) <= LONGEST:
         return name
     return _shorten(name, identifier)
+
+
+def _escape_ends(encoded: list[str], identifier: str) -> None:
+    """Escape a first or last character that is special at its place.
+
+    A leading dot hides a file, a leading hyphen looks like an option, and Windows drops a trailing dot.
+    """
+    first, last = identifier[0], identifier[-1]
+    if first in ".-" or _DEVICE.fullmatch(identifier):
+        encoded[0] = _escape(first)
+    if last == ".":
+        encoded[-1] = _escape(last)
 
 
 def differ_in_case_only(identifiers: Iterable[str]) -> frozenset[str]:

@@ -70,9 +70,14 @@ def checked_section(kind: type[Kind], keys: object, where: str) -> Kind:
 
 def _sentence(error, where: str) -> InputError:
     """The first mistake that pydantic found, in one sentence."""
-    expected = error["msg"].removeprefix("Input should be ").removeprefix("Input should ")
-    sizes = [error.get("ctx", {}).get(name) for name in ("min_length", "max_length")]
-    size = next((given_size for given_size in sizes if given_size), None)
-    expected = expected if size is None else f"a list of {size} numbers"
     key = f"{where}, key {error['loc'][0]}"
-    return complaint(key, expected, repr(error["input"])[:60], "correct it")
+    return complaint(key, _expected(error), repr(error["input"])[:60], "correct it")
+
+
+def _expected(error) -> str:
+    """The value that pydantic expected, in words."""
+    limits = error.get("ctx", {})
+    size = limits.get("min_length") or limits.get("max_length")
+    if size:
+        return f"a list of {size} numbers"
+    return error["msg"].removeprefix("Input should be ").removeprefix("Input should ")

@@ -41,9 +41,13 @@ def holds_for(stiffness: Sequence[Mapping], is_misfit: bool = False) -> str:
         )
     centres = [row["load_centre_mm"] for row in stiffness if row.get("centre_per_mm")]
     if centres:
-        place = ", ".join(f"{coordinate:.0f}" for coordinate in centres[0])
-        sentences.append(_CENTRE.format(place=place))
+        sentences.append(_centre_sentence(centres[0]))
     return " ".join(sentences)
+
+
+def _centre_sentence(centre_mm: Sequence[float]) -> str:
+    place = ", ".join(f"{coordinate:.0f}" for coordinate in centre_mm)
+    return _CENTRE.format(place=place)
 
 
 _CENTRE = (

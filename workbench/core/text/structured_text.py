@@ -62,11 +62,8 @@ def parse_json(text: str):
 
 
 def _text(path: Path, kind: str) -> str:
-    limit = LIMITS_MB[kind]
     try:
-        size = path.stat().st_size
-        if size > limit * 1e6:
-            raise ContentError(f"{size / 1e6:.0f} MB are more than the {limit} MB of a {kind} file")
+        _check_size(path.stat().st_size, kind)
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         raise ContentError(f"byte {problem.start + 1} is not UTF-8 text") from None
@@ -74,6 +71,12 @@ def _text(path: Path, kind: str) -> str:
         raise
     except ValueError:
         raise ContentError("its name contains a character that no file name can have") from None
+
+
+def _check_size(size: int, kind: str) -> None:
+    limit = LIMITS_MB[kind]
+    if size > limit * 1e6:
+        raise ContentError(f"{size / 1e6:.0f} MB are more than the {limit} MB of a {kind} file")
 
 
 def _parsed(parse: Callable, text: str, kind: str, error_type: type[Exception]):

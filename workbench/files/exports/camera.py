@@ -146,18 +146,18 @@ def _kalibr(camera: Camera) -> str:
             "export to Kalibr: expected a camera with k1, k2, p1, p2 alone, found k3 or rational terms, "
             "which its radtan model does not have; export to ROS or OpenCV instead"
         )
-    return _dump(
-        {
-            "cam0": {
-                "camera_model": "pinhole",
-                "intrinsics": _floats(camera.values[:4]),
-                "distortion_model": "equidistant" if camera.is_fisheye else "radtan",
-                "distortion_coeffs": _floats(camera.distortion[:4]),
-                "resolution": list(camera.size),
-                "rostopic": "/camera",
-            }
-        }
-    )
+    return _dump({"cam0": _kalibr_keys(camera)})
+
+
+def _kalibr_keys(camera: Camera) -> dict:
+    return {
+        "camera_model": "pinhole",
+        "intrinsics": _floats(camera.values[:4]),
+        "distortion_model": "equidistant" if camera.is_fisheye else "radtan",
+        "distortion_coeffs": _floats(camera.distortion[:4]),
+        "resolution": list(camera.size),
+        "rostopic": "/camera",
+    }
 
 
 def _from_kalibr(keys) -> Camera:

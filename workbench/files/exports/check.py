@@ -3,6 +3,7 @@
 import re
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -121,10 +122,15 @@ def check_python(arm: CalibratedArm, text: str) -> None:
 
 def _checked_readings(arm: CalibratedArm) -> np.ndarray:
     """(8, R) deg, mm: readings within the recorded ranges, where they are known."""
-    ranges = arm.fitted_range or {}
-    names = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(arm.robot), 1)]
+    return readings_in_ranges(arm, arm.fitted_range or {}, 8)
+
+
+def readings_in_ranges(arm: CalibratedArm, ranges: Mapping, count: int) -> np.ndarray:
+    """(count, R) deg, mm: readings drawn from `ranges` by column; of +-50 deg or mm where a range is not known."""
+    units = np.where(sliding(arm.robot), "mm", "deg")
+    names = [f"q{number}_{unit}" for number, unit in enumerate(units, 1)]
     low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
-    return np.random.default_rng(0).uniform(low, high, (8, len(names)))
+    return np.random.default_rng(0).uniform(low, high, (count, len(names)))
 
 
 def check_patched_urdf(arm: CalibratedArm, content: bytes, spec: dict, exact: bool) -> None:
@@ -223,12 +229,13 @@ def check_static_transform(
         ("transform", read_transform_yaml(transform)),
         ("launch", read_launch_yaml(launch)),
     ):
-        is_same = (reread.parent, reread.child) == (
-            hand_eye_transform.parent,
-            hand_eye_transform.child,
-        )
-        if not is_same or np.abs(reread.matrix - hand_eye_transform.matrix).max() > _SAME_MM:
+        if not _is_same_transform(reread, hand_eye_transform):
             raise _Differs(f"the {name} file read back is another transform")
+
+
+def _is_same_transform(transform: StaticTransform, other: StaticTransform) -> bool:
+    has_same_frames = (transform.parent, transform.child) == (other.parent, other.child)
+    return has_same_frames and np.abs(transform.matrix - other.matrix).max() <= _SAME_MM
 
 
 def read_calibrated_camera(path: Path) -> Camera:

@@ -64,13 +64,17 @@ def read_hand_eye(path: Path) -> CalibratedHandEye:
             f"{path}: expected a hand-eye.toml, found that it cannot be read ({problem}); name the file that "
             "`workbench handeye` wrote"
         ) from None
+    _check_format(keys, path)
+    matrix = _matrix_of(keys, path)
+    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _suspicion(keys, path))
+
+
+def _check_format(keys, path: Path) -> None:
     if keys.get("format") != FORMAT or keys.get("transform") not in PARENTS:
         raise InputError(
             f"{path}, keys format and transform: expected '{FORMAT}' and one of {', '.join(PARENTS)}, found others; "
             "name the file that `workbench handeye` wrote"
         )
-    matrix = _matrix_of(keys, path)
-    return CalibratedHandEye(matrix, PARENTS[keys["transform"]], _suspicion(keys, path))
 
 
 def _matrix_of(keys, path) -> np.ndarray:
@@ -169,12 +173,17 @@ def read_transform_yaml(text: str) -> StaticTransform:
     )
 
 
+def _node_options(launch) -> dict[str, str]:
+    """Option -> value on the command line of the node of a launch file."""
+    words = shlex.split(launch["launch"][0]["node"]["args"])
+    return dict(zip(words[::2], words[1::2]))
+
+
 def read_launch_yaml(text: str) -> StaticTransform:
     """The transform of what `launch_yaml` wrote."""
     import yaml
 
-    words = shlex.split(yaml.safe_load(text)["launch"][0]["node"]["args"])
-    options = dict(zip(words[::2], words[1::2]))
+    options = _node_options(yaml.safe_load(text))
     translation = {axis: float(options[f"--{axis}"]) for axis in _AXES}
     quaternion = {axis: float(options[f"--q{axis}"]) for axis in (*_AXES, "w")}
     return _transform_of(

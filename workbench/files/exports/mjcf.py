@@ -185,12 +185,17 @@ def _refuse_negative(arm: CalibratedArm) -> None:
     }
     for kind, names in springs.items():
         for effect in _of_kind(arm, kind):
-            if min(values := _values(arm, effect, *names)) < 0:
-                raise InputError(
-                    f"--to mjcf: expected compliances of 0 or more, found {min(values):.3g} for {effect.title}: a "
-                    "spring with a negative stiffness makes the simulation unstable; calibrate again, or leave the "
-                    f"term out with --without {effect.where}.{effect.effect}"
-                )
+            lowest = min(_values(arm, effect, *names))
+            if lowest < 0:
+                raise _negative_compliance(effect, lowest)
+
+
+def _negative_compliance(effect, compliance: float) -> InputError:
+    return InputError(
+        f"--to mjcf: expected compliances of 0 or more, found {compliance:.3g} for {effect.title}: a "
+        "spring with a negative stiffness makes the simulation unstable; calibrate again, or leave the "
+        f"term out with --without {effect.where}.{effect.effect}"
+    )
 
 
 def _masses(arm: CalibratedArm) -> tuple[np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from robot_model.state import sliding
+from workbench.files.exports.check import readings_in_ranges
 from workbench.files.exports.mjcf import control_terms, left_out
 from workbench.files.exports.python.module import arm_data
 from workbench.files.exports.python.runtime import CorrectedArm
@@ -24,14 +24,17 @@ class _Differs(RuntimeError):
 
 def check_mjcf(arm: CalibratedArm, text: str) -> None:
     """RuntimeError where a recorded load hangs elsewhere, or a simulation comes to rest elsewhere than the model."""
-    places = [
-        body.get("pos") for body in ET.fromstring(text).iter("body") if body.get("name") == "load"
-    ]
-    place = np.array([float(word) for word in places[0].split()]) * 1e3
-    if np.abs(place - arm.load_centre).max() > _SAME_MM:
+    if np.abs(_load_place(text) - arm.load_centre).max() > _SAME_MM:
         raise _Differs("the load of the MJCF file hangs elsewhere than the recorded loads")
     if find_spec("mujoco") is not None:
         _check_rest(arm, text)
+
+
+def _load_place(text: str) -> np.ndarray:
+    """(3,) mm in the frame of the flange, of the body that carries the load."""
+    bodies = ET.fromstring(text).iter("body")
+    load = next(body for body in bodies if body.get("name") == "load")
+    return np.array(load.get("pos").split(), float) * 1e3
 
 
 def _check_rest(arm: CalibratedArm, text: str) -> None:
@@ -66,9 +69,7 @@ def _check_rest(arm: CalibratedArm, text: str) -> None:
 
 def _readings(arm: CalibratedArm, ranges) -> np.ndarray:
     """(n, R) deg, mm within the recorded ranges."""
-    names = [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(sliding(arm.robot), 1)]
-    low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
-    return np.random.default_rng(0).uniform(low, high, (_POSES, len(names)))
+    return readings_in_ranges(arm, ranges, _POSES)
 
 
 def _at_rest(text: str, targets: np.ndarray, load: float) -> np.ndarray:

@@ -43,15 +43,19 @@ def joint_places(arm: CalibratedArm) -> list[np.ndarray]:
     return places
 
 
-def _check_build(arm: CalibratedArm) -> None:
-    robot = arm.robot
-    is_ur = (
+def _is_ur(robot) -> bool:
+    """Whether convention, number of joints and twists are those of an arm of Universal Robots."""
+    return (
         robot.convention == "distal"
         and robot.joints == len(SEGMENTS)
         and np.allclose(robot.geometry[:5, ALPHA], _TWISTS, atol=_MAX_DEVIATION)
         and np.array_equal(robot.mixing, np.eye(len(SEGMENTS)))
     )
-    if not is_ur:
+
+
+def _check_build(arm: CalibratedArm) -> None:
+    robot = arm.robot
+    if not _is_ur(robot):
         raise wrong(
             "--to ros",
             "an arm of Universal Robots: six joints in the standard Denavit-Hartenberg convention with twists 90, 0, "
@@ -73,8 +77,14 @@ def read_ur_kinematics(text: str) -> list[np.ndarray]:
     rows = yaml.safe_load(text)["kinematics"]
     places = []
     for name in SEGMENTS:
-        place = np.eye(4)
-        place[:3, :3] = Rotation.from_euler("xyz", [rows[name][k] for k in _KEYS[3:]]).as_matrix()
-        place[:3, 3] = [1000 * rows[name][k] for k in _KEYS[:3]]
-        places.append(place)
+        places.append(_place_of(rows[name]))
     return places
+
+
+def _place_of(row) -> np.ndarray:
+    """(4, 4) mm of the numbers of one joint, m and rad."""
+    angles = [row[key] for key in _KEYS[3:]]
+    place = np.eye(4)
+    place[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+    place[:3, 3] = [1000 * row[key] for key in _KEYS[:3]]
+    return place

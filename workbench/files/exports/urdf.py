@@ -41,15 +41,18 @@ def urdf(arm: CalibratedArm) -> str:
 
 def _note(arm):
     out = left_out(arm)
-    omissions = f" Not in here, since a URDF cannot say it: {', '.join(out)}." if out else ""
-    sums = (
-        f" In the controller's readings: {coupled_sums(arm.robot)}."
-        if is_coupled(arm.robot)
-        else ""
-    )
     source = "fitted to the complete model, whose" if out else "as calibrated; its"
-    note = f" Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm.{omissions}{sums} "
-    return note.replace("--", "-")
+    sentences = [f"Geometry {source} held-out RMS is {arm.held_out_mm:.4g} mm."]
+    if out:
+        sentences.append(f"Not in here, since a URDF cannot say it: {', '.join(out)}.")
+    if is_coupled(arm.robot):
+        sentences.append(f"In the controller's readings: {coupled_sums(arm.robot)}.")
+    return _comment(sentences)
+
+
+def _comment(sentences: list[str]) -> str:
+    """Text of an XML comment, in which two hyphens cannot stand."""
+    return f" {' '.join(sentences)} ".replace("--", "-")
 
 
 def joint_signs(robot) -> np.ndarray:
@@ -62,15 +65,8 @@ def joint_signs(robot) -> np.ndarray:
 
 def is_coupled(robot) -> bool:
     """Whether a joint variable depends on more than its own reading, or not by plus or minus one."""
-    if robot.mixing.shape[0] == robot.mixing.shape[1]:
-        diagonal = np.diag(np.diag(robot.mixing))
-    else:
-        diagonal = None
-    return (
-        diagonal is None
-        or not np.array_equal(diagonal, robot.mixing)
-        or not (np.abs(np.diag(diagonal)) == 1).all()
-    )
+    mixing = np.abs(robot.mixing)
+    return not np.array_equal(mixing, np.eye(robot.mixing.shape[0]))
 
 
 def joint_limits(robot) -> np.ndarray:
@@ -147,10 +143,12 @@ def _joint(root, robot, k, links, origin, sign):
 
 
 def _joint_element(joint, parent, child, origin):
-    place = " ".join(repr(float(v)) for v in origin[:3, 3] * 1e-3)
-    rotation = " ".join(
-        repr(float(v)) for v in Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")
-    )
-    ET.SubElement(joint, "origin", xyz=place, rpy=rotation)
+    angles = Rotation.from_matrix(origin[:3, :3]).as_euler("xyz")
+    ET.SubElement(joint, "origin", xyz=_numbers(origin[:3, 3] * 1e-3), rpy=_numbers(angles))
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
+
+
+def _numbers(values: np.ndarray) -> str:
+    """With all their digits."""
+    return " ".join(map(repr, values.tolist()))

@@ -47,14 +47,22 @@ def by_sample(recording: Recording, row: Mapping) -> int | None:
 
 def by_radius(known: Mapping[int, tuple], radii: Sequence[float]) -> list[int] | None:
     """Numbers of balls no two of which are of one size; None where some are."""
-    candidates_by_radius = [
-        [number for number, ball in known.items() if abs(ball[3] - radius) < _SAME_RADIUS * ball[3]]
-        for radius in radii
+    numbers = []
+    for radius in radii:
+        candidates = _balls_of_radius(known, radius)
+        if len(candidates) != 1:
+            return None
+        numbers += candidates
+    return numbers if len(set(numbers)) == len(numbers) else None
+
+
+def _balls_of_radius(known: Mapping[int, tuple], radius: float) -> list[int]:
+    """Numbers of the balls (x, y, z, radius) that have about this radius, mm."""
+    return [
+        number
+        for number, (*_, certified) in known.items()
+        if abs(certified - radius) < _SAME_RADIUS * certified
     ]
-    is_unique = all(len(names_of_ball) == 1 for names_of_ball in candidates_by_radius) and len(
-        {names_of_ball[0] for names_of_ball in candidates_by_radius}
-    ) == len(candidates_by_radius)
-    return [names_of_ball[0] for names_of_ball in candidates_by_radius] if is_unique else None
 
 
 def by_distance(
