@@ -290,3 +290,9 @@ def sliding(robot: Robot) -> np.ndarray:
     else:
         joint_of_reading = np.argmax(robot.mixing != 0, axis=0)
     return robot.prismatic[joint_of_reading]
+
+
+def reading_names(robot: Robot) -> list[str]:
+    """R names of the columns of joint readings: q1_deg, or q1_mm for a reading in mm."""
+    units = np.where(sliding(robot), "mm", "deg")
+    return [f"q{number}_{unit}" for number, unit in enumerate(units.tolist(), 1)]

@@ -17,7 +17,7 @@ from datasets.samples.columns import POINT, QUATERNION, joint_columns
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
 from robot_model.robot import Robot
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from workbench.core.rigid import transform
 from workbench.core.text.csv_text import csv_text
 
@@ -194,8 +194,7 @@ def _readings(table, joints, robot):
 
 def _joint_remedy(joints, robot: Robot) -> str:
     """Which joints have no column, or which columns are too many."""
-    slides = sliding(robot).tolist()
-    expected = [f"q{k}_{'mm' if slide else 'deg'}" for k, slide in enumerate(slides, 1)]
+    expected = reading_names(robot)
     missing = [name for name in expected if name.partition("_")[0] not in _numbers(joints)]
     if missing:
         return f"add {', '.join(missing)}"

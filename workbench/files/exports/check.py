@@ -11,7 +11,7 @@ import numpy as np
 from robot_model import load_robot
 from robot_model.chain import forward
 from robot_model.measurements.closure import flange_matrices
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from robot_model.tool_points import calibrated_points
 from sensors.camera.model import Camera, camera_from_keys
 from workbench.core.errors import InputError
@@ -127,8 +127,7 @@ def _checked_readings(arm: CalibratedArm) -> np.ndarray:
 
 def readings_in_ranges(arm: CalibratedArm, ranges: Mapping, count: int) -> np.ndarray:
     """(count, R) deg, mm: readings drawn from `ranges` by column; of +-50 deg or mm where a range is not known."""
-    units = np.where(sliding(arm.robot), "mm", "deg")
-    names = [f"q{number}_{unit}" for number, unit in enumerate(units, 1)]
+    names = reading_names(arm.robot)
     low, high = np.array([ranges.get(name, (-50.0, 50.0)) for name in names]).T
     return np.random.default_rng(0).uniform(low, high, (count, len(names)))
 

@@ -12,7 +12,7 @@ import numpy as np
 from robot_model.chain import ALPHA, BETA, A, D, forward, geometry_rotations, geometry_rows
 from robot_model.measurements.closure import flange_matrices
 from robot_model.postures.task_priority import LEVER_MM, Task, pose_difference
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from workbench.core.rigid import transform
 from workbench.files.exports.mdh import NAMES, calibrated_geometry
 from workbench.files.exports.python.module import arm_data, covariates_used, observed_effects
@@ -139,7 +139,7 @@ def _moved(geometry: np.ndarray, port_indices: np.ndarray, change: np.ndarray) -
 def _readings(arm: CalibratedArm) -> np.ndarray:
     """(n, R) rad, mm: uniform over the recorded range of each joint reading."""
     slides = sliding(arm.robot)
-    names = [f"q{k}_{'mm' if slide else 'deg'}" for k, slide in enumerate(slides, 1)]
+    names = reading_names(arm.robot)
     recorded = arm.fitted_range or {}
     halves = np.where(slides, _UNRECORDED_MM, _UNRECORDED_DEG)
     ends = [recorded.get(name, (-half, half)) for name, half in zip(names, halves)]

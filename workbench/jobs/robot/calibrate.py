@@ -232,15 +232,19 @@ def _split(checked: CheckedSamples, fit_samples, test_samples, folds) -> Split:
     if not test.any() and not fit.all():
         test = ~fit
     fit &= ~np.isin(recording.sample_ids, checked.left_out)
+    _check_pose_count(recording, fit)
+    fold = np.full(recording.n, -1)
+    fold[fit] = blocks(recording.poses[fit], folds)
+    return Split(fit, fold, test)
+
+
+def _check_pose_count(recording, fit: np.ndarray) -> None:
     poses = len(np.unique(recording.poses[fit]))
     if poses < _LEAST_POSES:
         raise InputError(
             f"recording '{recording.name}': {fit.sum()} moving samples at {poses} distinct poses are left to fit; "
             f"expected at least {_LEAST_POSES} poses; measure more"
         )
-    fold = np.full(recording.n, -1)
-    fold[fit] = blocks(recording.poses[fit], folds)
-    return Split(fit, fold, test)
 
 
 def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
@@ -252,14 +256,19 @@ def _without_blunders(step: Step, split: Split, everyone: Split) -> Split:
     more than a twentieth of the samples is no blunder any more, and stays.
     """
     residual = step.model.residual(step.parameters)
-    is_blunder = np.zeros(len(everyone.fit), bool)
-    for part in (residual[:3], in_rotation(residual)):
-        size = np.sqrt((part**2).sum(0))
-        is_blunder |= size > _OUTLIER * np.median(size[split.fit]) / _MEDIAN_CHI3
-    is_blunder &= everyone.fit
+    is_far_off = _is_far_off(residual[:3], split.fit) | _is_far_off(
+        in_rotation(residual), split.fit
+    )
+    is_blunder = is_far_off & everyone.fit
     if is_blunder.sum() > everyone.fit.sum() / 20:
         return split
     return Split(everyone.fit & ~is_blunder, np.where(is_blunder, -1, everyone.fold), everyone.test)
+
+
+def _is_far_off(residual: np.ndarray, fitted: np.ndarray) -> np.ndarray:
+    """(n,) bool: residuals (3, n) of a size that normal ones, with the scale of the fitted samples, do not reach."""
+    size = np.sqrt((residual**2).sum(0))
+    return size > _OUTLIER * np.median(size[fitted]) / _MEDIAN_CHI3
 
 
 def _check_degrees_of_freedom(name: str, chosen: Chosen) -> None:

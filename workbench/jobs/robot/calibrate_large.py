@@ -316,15 +316,14 @@ def save(calibration: ChunkedCalibration, folder: Path) -> None:
         held_out=calibration.held_out,
         nominal=calibration.nominal,
     )
-    (folder / NAME).write_text(
-        json.dumps(solution_keys(full, calibration.noise), indent=1), encoding="utf-8"
-    )
-    (folder / "parameters.toml").write_text(
-        calibration.solution.parameters.to_toml(), encoding="utf-8"
-    )
-    (folder / "calibration.json").write_text(
-        json.dumps(calibration.as_json(), indent=1), encoding="utf-8"
-    )
+    parameters = calibration.solution.parameters.to_toml()
+    _write_json(folder / NAME, solution_keys(full, calibration.noise))
+    (folder / "parameters.toml").write_text(parameters, encoding="utf-8")
+    _write_json(folder / "calibration.json", calibration.as_json())
+
+
+def _write_json(path: Path, keys: dict) -> None:
+    path.write_text(json.dumps(keys, indent=1), encoding="utf-8")
 
 
 __all__ = ["CONVERGED", "ChunkedCalibration", "Stream", "calibrate_chunks", "save", "stream_of"]

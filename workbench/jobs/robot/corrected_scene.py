@@ -89,13 +89,14 @@ def write_scene(scene: CorrectedScene, folder: Path) -> str:
 def effect_keys(effect, values: Parameters, chain) -> dict:
     """An [[effect]] table of a scene: name, place, options and the values of its parameters."""
     name = next(key for key, kind in CATALOGUE.items() if kind is type(effect))
-    effect_parameters = [p.key for p in effect.parameters(chain)]
-    ends = [key.split(".", 2)[-1] for key in effect_parameters]
-    by_name = {
-        end if ends.count(end) == 1 else key: values[key]
-        for end, key in zip(ends, effect_parameters)
-    }
+    by_name = _values_by_name([p.key for p in effect.parameters(chain)], values)
     return {"effect": name, "where": effect.where, **effect.options, "values": by_name}
+
+
+def _values_by_name(keys: list[str], values: Parameters) -> dict:
+    """Values of an effect by the last part of their key, by the whole key where parts are alike."""
+    ends = [key.split(".", 2)[-1] for key in keys]
+    return {end if ends.count(end) == 1 else key: values[key] for end, key in zip(ends, keys)}
 
 
 def pose_keys(values: Parameters, where: str) -> dict:
@@ -110,13 +111,14 @@ def pose_keys(values: Parameters, where: str) -> dict:
     return {"xyz_mm": [float(x) for x in shift], "rpy_deg": rpy.tolist()}
 
 
+def _reflector(values: Parameters, number) -> list[float]:
+    return [values[f"tool.reflector{number}_{axis}"] for axis in "xyz"]
+
+
 def target_keys(recording, values: Parameters, chain) -> dict:
     """Reflectors on the flange, or tool and balls."""
     if recording.measures == "external-point":
-        reflectors = [
-            [values[f"tool.reflector{r}_{axis}"] for axis in "xyz"] for r in chain.measurement.ids
-        ]
-        return {"reflectors": reflectors}
+        return {"reflectors": [_reflector(values, k) for k in chain.measurement.ids]}
     if recording.measures == "external-pose":
         return {"tool": pose_keys(values, "tool")}
     balls = [list(map(float, recording.balls[k])) for k in recording.balls]

@@ -106,10 +106,7 @@ class Evaluated:
         runs, numbers = self.arm.fitted_samples, self.recording.sample_ids
         if runs is None:  # an older version wrote the file
             return np.ones(len(numbers), bool)
-        if not len(runs):
-            return np.zeros(len(numbers), bool)
-        nearest = np.searchsorted(runs[:, 0], numbers, "right") - 1
-        return (nearest >= 0) & (numbers <= runs[nearest, 1])
+        return _is_in_runs(numbers, runs)
 
     def _fits_better_elsewhere(self) -> bool:
         """Whether another base and tool explain materially more than chance does: F test of nested models.
@@ -253,14 +250,16 @@ class Evaluated:
 
     def by_joint(self) -> list[dict]:
         """RMS error in mm in each third of the readings of each joint that moves; None in an empty third."""
-        rows, columns = [], self.recording.columns
-        for name in (name for name in joint_columns(columns) if np.ptp(columns[name]) > 0):
-            values = columns[name]
-            edges = np.quantile(values, np.linspace(0, 1, _BINS + 1))
-            place = np.clip(np.searchsorted(edges, values, "right") - 1, 0, _BINS - 1)
-            rms = [_rms(self.distances[place == k]) for k in range(_BINS)]
-            rows.append({"joint": name, "edges": edges.tolist(), "rms_mm": rms})
-        return rows
+        columns = self.recording.columns
+        moving = [name for name in joint_columns(columns) if np.ptp(columns[name]) > 0]
+        return [{"joint": name, **self._by_thirds(columns[name])} for name in moving]
+
+    def _by_thirds(self, readings: np.ndarray) -> dict:
+        """Ends of the thirds of readings (n,), and the RMS error in each."""
+        edges = np.quantile(readings, np.linspace(0, 1, _BINS + 1))
+        place = np.clip(np.searchsorted(edges, readings, "right") - 1, 0, _BINS - 1)
+        rms = [_rms(self.distances[place == k]) for k in range(_BINS)]
+        return {"edges": edges.tolist(), "rms_mm": rms}
 
 
 def evaluate(
@@ -308,6 +307,14 @@ def evaluate(
         _count(arm, samples, free),
         max_count,
     )
+
+
+def _is_in_runs(numbers: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """(n,) bool: numbers (n,) that lie in one of the runs (k, 2) of first and last number, in ascending order."""
+    if not len(runs):
+        return np.zeros(len(numbers), bool)
+    nearest = np.searchsorted(runs[:, 0], numbers, "right") - 1
+    return (nearest >= 0) & (numbers <= runs[nearest, 1])
 
 
 def _check_arm(arm: CalibratedArm, samples: Recording) -> None:

@@ -15,9 +15,15 @@ def columns_outside(arm: CalibratedArm, samples: Recording) -> tuple[str, ...]:
         values = samples.columns.get(name)
         if values is None or name in ("row", "time_s"):
             continue
-        slack = 0.05 * (high - low)
-        if values.min() < low - slack or values.max() > high + slack:
+        lowest, highest = values.min(), values.max()
+        if _is_outside(lowest, highest, low, high):
             found.append(
-                f"{name} ({values.min():.4g} to {values.max():.4g}, calibrated {low:.4g} to {high:.4g})"
+                f"{name} ({lowest:.4g} to {highest:.4g}, calibrated {low:.4g} to {high:.4g})"
             )
     return tuple(found)
+
+
+def _is_outside(lowest: float, highest: float, low: float, high: float) -> bool:
+    """Whether values leave the calibrated range from low to high by more than a twentieth of it."""
+    slack = 0.05 * (high - low)
+    return lowest < low - slack or highest > high + slack

@@ -149,13 +149,17 @@ def _is_better(other: Registration, found: Registration, limit: float) -> bool:
     return fall * _rms(other.distances) < _rms(found.distances) and _rms(other.distances) < limit
 
 
+def _is_on_line(points: np.ndarray) -> bool:
+    extent = np.linalg.svd(points - points.mean(0), compute_uv=False)
+    return extent[1] <= _FLAT * max(extent[0], 1e-300)
+
+
 def _check(points: np.ndarray, name: str) -> None:
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < _MIN_POINTS:
         raise InputError(
             f"registration: expected at least {_MIN_POINTS} {name} points, found {len(points)}; measure more"
         )
-    extent = np.linalg.svd(points - points.mean(0), compute_uv=False)
-    if extent[1] <= _FLAT * max(extent[0], 1e-300):
+    if _is_on_line(points):
         raise InputError(
             f"registration: expected {name} points that do not lie on one line, found such ones, about which the "
             "rotation is not determined; measure points off that line"
@@ -205,8 +209,13 @@ def _left_one_out(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     for k in range(n if n > _MIN_POINTS + 1 else 0):
         others = np.arange(n) != k
         matrix = _aligned(source[others], target[others])
-        found[k] = np.linalg.norm(matrix[:3, :3] @ source[k] + matrix[:3, 3] - target[k])
+        found[k] = np.linalg.norm(_carried(matrix, source[k]) - target[k])
     return found
+
+
+def _carried(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """(3,) mm: a point (3,) under a rigid transform (4, 4)."""
+    return matrix[:3, :3] @ point + matrix[:3, 3]
 
 
 def _rms(values: np.ndarray) -> float:
@@ -217,11 +226,12 @@ def save(found: Registration, labels: list[str], folder: Path) -> None:
     """Write residuals.csv: a row a point with its residual, distance and left-one-out distance, mm."""
     head = ["point", "target_row", "dx_mm", "dy_mm", "dz_mm", "distance_mm", "left_one_out_mm"]
     numbers = np.column_stack([found.residual, found.distances, found.left_out])
-    lines = [
-        [label, int(row) + 1, *(f"{value:.6g}" for value in values)]
-        for label, row, values in zip(labels, found.target_row, numbers)
-    ]
+    lines = list(map(_line, labels, found.target_row, numbers))
     (folder / "residuals.csv").write_text(csv_text(head, lines), encoding="utf-8")
+
+
+def _line(label: str, row: int, values: np.ndarray) -> list:
+    return [label, int(row) + 1, *(f"{value:.6g}" for value in values)]
 
 
 __all__ = ["Registration", "register", "save", "suspicions"]

@@ -30,13 +30,14 @@ def seconds_between(first: float | str | None, second: float | str | None) -> fl
     None where one is unknown, or only one of them is a time stamp.
     """
     if isinstance(first, str) and isinstance(second, str):
-        moments = [
-            datetime.fromisoformat(moment).replace(tzinfo=None) for moment in (first, second)
-        ]
-        return (moments[1] - moments[0]).total_seconds()
+        return (_moment(second) - _moment(first)).total_seconds()
     if first is None or second is None or isinstance(first, str) or isinstance(second, str):
         return None
     return float(second) - float(first)
+
+
+def _moment(stamp: str) -> datetime:
+    return datetime.fromisoformat(stamp).replace(tzinfo=None)
 
 
 def on_calibration_clock(arm: CalibratedArm, samples: Recording) -> Recording:
@@ -129,9 +130,14 @@ def _rows_of(arm: CalibratedArm, samples: Recording) -> np.ndarray:
         return np.arange(samples.n, dtype=float)
     first, last = runs.T
     before = np.cumsum(last - first + 1) - (last - first + 1)  # rows of the runs before
-    order = np.argsort(first, kind="stable")
-    run = order[np.searchsorted(first[order], samples.sample_ids, "right").clip(min=1) - 1]
+    run = _run_of(samples.sample_ids, first)
     return before[run] + samples.sample_ids - first[run]
+
+
+def _run_of(numbers: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(n,) index of the run that begins last before a number, the earliest run for smaller numbers; first (k,)."""
+    order = np.argsort(first, kind="stable")
+    return order[np.searchsorted(first[order], numbers, "right").clip(min=1) - 1]
 
 
 def _end(arm: CalibratedArm) -> float:

@@ -48,14 +48,7 @@ class Significance:
 
     def as_json(self) -> dict:
         """The answer of `workbench significance`."""
-        rows = [
-            {
-                "parameter": key,
-                **{f"index_{p}": v for p, v in zip(COMPONENTS, target)},
-                **{f"sensitivity_{p}": v for p, v in zip(COMPONENTS, per)},
-            }
-            for key, target, per in zip(self.keys, self.index.tolist(), self.sensitivity.tolist())
-        ]
+        rows = list(map(_row, self.keys, self.index.tolist(), self.sensitivity.tolist()))
         return {
             "command": "significance",
             "robot": self.robot.name,
@@ -148,6 +141,13 @@ def _robot(name, recordings):
             f"recording ({', '.join(sorted(recordings))}, or a folder), found none of these; correct it"
         )
     return load_robot(name)
+
+
+def _row(key: str, index: list[float], sensitivity: list[float]) -> dict:
+    """A parameter with its index and its sensitivity by component."""
+    row = {"parameter": key}
+    row |= {f"index_{name}": value for name, value in zip(COMPONENTS, index)}
+    return row | {f"sensitivity_{name}": value for name, value in zip(COMPONENTS, sensitivity)}
 
 
 def _drawn(robot, points, seed):

@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from robot_model.state import approaches_read, sliding
+from robot_model.state import approaches_read, reading_names
 from robot_model.tool_points import calibrated_points
 from workbench.files.exports.mjcf import control_terms
 from workbench.files.exports.python import runtime
@@ -170,7 +170,7 @@ def _typical(arm: CalibratedArm, name: str) -> float:
 
 def _middle(arm: CalibratedArm) -> list[float]:
     """(R,) deg, mm: the middle of the recorded joint readings, for an example; 0 where they are unknown."""
-    names = [f"q{k}_{'mm' if s else 'deg'}" for k, s in enumerate(sliding(arm.robot), 1)]
+    names = reading_names(arm.robot)
     return [round(_typical(arm, name), 1) for name in names]
 
 

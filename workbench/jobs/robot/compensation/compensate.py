@@ -16,7 +16,7 @@ from robot_model.measurements.external_pose import ExternalPose
 from robot_model.postures import task_priority
 from robot_model.postures.task_priority import LEVER_MM, Task, pose_sizes
 from robot_model.robot import Robot
-from robot_model.state import State, approaches_read, sliding, with_history
+from robot_model.state import State, approaches_read, reading_names, sliding, with_history
 from robot_model.system import RobotChain
 from workbench.core.least_squares.linear_algebra import least_squares, solve_positive
 from workbench.core.model import Model
@@ -321,9 +321,9 @@ def _moved(arm) -> np.ndarray:
     moved = np.ones(arm.robot.mixing.shape[1], bool)
     if arm.fitted_range is None:
         return moved
-    for k, slides in enumerate(sliding(arm.robot)):
-        low, high = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (-np.inf, np.inf))
-        moved[k] = high - low > (_STILL_MM if slides else np.rad2deg(_STILL_RAD))
+    for k, name in enumerate(reading_names(arm.robot)):
+        low, high = arm.fitted_range.get(name, (-np.inf, np.inf))
+        moved[k] = high - low > (_STILL_MM if name.endswith("mm") else np.rad2deg(_STILL_RAD))
     return moved
 
 
@@ -406,12 +406,16 @@ def half_loops_mm(arm: CalibratedArm, readings: np.ndarray, covariates=None) -> 
     """
     squares = np.zeros(len(readings))
     for name in sorted(set(approaches_read(arm.acting_effects)) - set(covariates or {})):
-        ends = [
-            actual_poses(arm, readings, {**(covariates or {}), name: side})[:, :3, 3]
-            for side in (-1.0, 1.0)
-        ]
-        squares += ((ends[1] - ends[0]) ** 2).sum(1) / 4
+        squares += _squared_loop(arm, readings, covariates or {}, name) / 4
     return np.sqrt(squares)
+
+
+def _squared_loop(arm: CalibratedArm, readings: np.ndarray, covariates, name: str) -> np.ndarray:
+    """(n,) mm^2: squared distance of the flange between both sides of the covariate `name`, an approach."""
+    low, high = (
+        actual_poses(arm, readings, {**covariates, name: side})[:, :3, 3] for side in (-1.0, 1.0)
+    )
+    return ((high - low) ** 2).sum(1)
 
 
 def _sigma_at(arm, readings, target, covariates) -> np.ndarray:

@@ -55,8 +55,7 @@ def parse_configuration(text: str) -> ConfigurationData | None:
 
 
 def _of_kuka(status: str | None, turn: str | None) -> ConfigurationData:
-    low = np.full(_JOINTS, -np.inf)
-    high = np.full(_JOINTS, np.inf)
+    low, high = _open_limits()
     sides = (0, 0, 0)
     if status is not None:
         sides = (_side(int(status) & 1), _side(int(status) & 2), _side(int(status) & 4))
@@ -70,22 +69,27 @@ def _of_kuka(status: str | None, turn: str | None) -> ConfigurationData:
 
 
 def _of_abb(numbers: list[int]) -> ConfigurationData:
-    low = np.full(_JOINTS, -np.inf)
-    high = np.full(_JOINTS, np.inf)
+    low, high = _open_limits()
     for k, quadrant in zip(_REVOLVING, numbers):
         low[k] = 90.0 * quadrant
         high[k] = 90.0 * (quadrant + 1)
-    sides = (_side(numbers[3] & 4), _side(not numbers[3] & 2), _side(numbers[3] & 1))
+    flags = numbers[3]
+    sides = (_side(flags & 4), _side(not flags & 2), _side(flags & 1))
     _set_sign_of_fifth(low, high, sides[2])
     return ConfigurationData("ABB", low, high, sides)
 
 
+def _open_limits() -> tuple[np.ndarray, np.ndarray]:
+    """(6,) lowest and (6,) highest readings, deg, of joints about which nothing is stated."""
+    return np.full(_JOINTS, -np.inf), np.full(_JOINTS, np.inf)
+
+
 def _of_fanuc(flip: str, elbow: str, side: str, *revolutions: str) -> ConfigurationData:
-    low = np.full(_JOINTS, -np.inf)
-    high = np.full(_JOINTS, np.inf)
+    low, high = _open_limits()
     for k, count in zip(_REVOLVING, revolutions):
-        low[k] = 360.0 * int(count) - 180
-        high[k] = 360.0 * int(count) + 180
+        middle = 360.0 * int(count)
+        low[k] = middle - 180
+        high[k] = middle + 180
     sides = (_side(side == "B"), _side(elbow == "D"), _side(flip == "N"))
     _set_sign_of_fifth(low, high, sides[2])
     return ConfigurationData("FANUC", low, high, sides)

@@ -35,14 +35,18 @@ def with_start(programme, robot: Robot, start: str | None):
             "--start: expected targets that are poses, found joint readings, which state the configuration; leave the "
             "option out"
         )
-    stated = _numbers(start)
-    if stated is None:
-        readings = _nearest_readings(programme.poses, robot, start)
-    else:
-        readings = np.tile(_checked(stated, robot), (len(programme.poses), 1))
+    readings = _start_readings(programme.poses, robot, start)
     if programme.is_joint is not None:
         readings = np.where(programme.is_joint[:, None], programme.readings, readings)
     return replace(programme, readings=readings)
+
+
+def _start_readings(poses: np.ndarray, robot: Robot, start: str) -> np.ndarray:
+    """(n, R) rad, mm: the stated readings for every pose, or those of a recording at its nearest pose."""
+    stated = _numbers(start)
+    if stated is None:
+        return _nearest_readings(poses, robot, start)
+    return np.tile(_checked(stated, robot), (len(poses), 1))
 
 
 def _numbers(text: str) -> list[float] | None:
@@ -177,12 +181,18 @@ def _far_turns(robot: Robot, readings: np.ndarray) -> list[str]:
     rows = np.flatnonzero(np.isfinite(readings).all(1))
     steps = np.abs(np.diff(readings[rows], axis=0)) * ~sliding(robot)
     places = [
-        f"{rows[k] + 1} and {rows[k + 1] + 1} (joint {joint + 1}, {np.rad2deg(steps[k, joint]):.0f} deg)"
+        _step_words(rows[k : k + 2], joint, steps[k, joint])
         for k, joint in np.argwhere(steps > np.pi)
     ]
     if not places:
         return []
     return [f"A joint turns by more than 180 deg between targets {_listed_places(places)}."]
+
+
+def _step_words(rows: np.ndarray, joint: int, step: float) -> str:
+    """Two successive targets, by their rows, and the joint that turns by a step, rad, between them."""
+    first, second = rows + 1
+    return f"{first} and {second} (joint {joint + 1}, {np.rad2deg(step):.0f} deg)"
 
 
 def _listed_places(places: Sequence[str]) -> str:

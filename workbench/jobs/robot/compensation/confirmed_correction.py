@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_model.postures.task_priority import Task, pose_difference, pose_sizes
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensation.compensate import actual_poses, nominal_poses
 
@@ -40,13 +40,13 @@ def largest_corrections(arm: CalibratedArm) -> tuple[float, float]:
 
 def _recorded_readings(arm: CalibratedArm) -> np.ndarray | None:
     """(n, R) rad, mm: random readings within the recorded ranges; None where a range is not known."""
-    slides = sliding(arm.robot)
-    names = [f"q{k + 1}_{'mm' if is_slide else 'deg'}" for k, is_slide in enumerate(slides)]
-    if any(name not in (arm.fitted_range or {}) for name in names):
+    ranges = arm.fitted_range or {}
+    names = reading_names(arm.robot)
+    if not ranges.keys() >= set(names):
         return None
-    low, high = np.array([arm.fitted_range[name] for name in names]).T
+    low, high = np.array([ranges[name] for name in names]).T
     readings = np.random.default_rng(0).uniform(low, high, (_POSES, len(low)))
-    return np.where(slides, readings, np.deg2rad(readings))
+    return np.where(sliding(arm.robot), readings, np.deg2rad(readings))
 
 
 def _aligned_rms_mm(actual: np.ndarray, nominal: np.ndarray, point: np.ndarray) -> float:

@@ -13,9 +13,10 @@ import numpy as np
 
 from datasets.errors import complaint
 from robot_model.effects.extrapolation import CLOCK
-from robot_model.state import approaches_read, sliding
+from robot_model.state import approaches_read, reading_names, sliding
 from robot_model.system import geometry_priors
 from workbench.core.errors import InputError
+from workbench.core.text.row_numbers import listed_numbers
 from workbench.core.vocabulary import Covariate
 from workbench.files.solution_file import LARGEST_DEG, LARGEST_MM, CalibratedArm
 from workbench.jobs.robot.compensation.compensate import (
@@ -419,22 +420,21 @@ class _Coverage:
         """A sentence on the targets outside the recorded range, or none."""
         if not rows.any():
             return []
-        numbers = [str(k + 1) for k in np.flatnonzero(rows)]
-        if len(numbers) > _NAMED_TARGETS:
-            unlisted = f" and {len(numbers) - _NAMED_TARGETS} more"
-        else:
-            unlisted = ""
-        meaning = (
-            "the correction extrapolates"
-            if self.is_read
-            else "the model does not depend on it, the arm may"
-        )
-        if self.name == _FLANGE_LOAD:
-            meaning += "; uncertainty_mm contains no deflection that the recording does not show"
+        targets = listed_numbers(np.flatnonzero(rows), _NAMED_TARGETS)
         return [
             f"{self.name} is outside {self._range()}, which was recorded, in target "
-            f"{', '.join(numbers[:_NAMED_TARGETS])}{unlisted}: {meaning}; record samples there or check these targets."
+            f"{targets}: {self._meaning()}; record samples there or check these targets."
         ]
+
+    def _meaning(self) -> str:
+        """What a correction outside the recorded range is."""
+        if self.is_read:
+            meaning = "the correction extrapolates"
+        else:
+            meaning = "the model does not depend on it, the arm may"
+        if self.name == _FLANGE_LOAD:
+            meaning += "; uncertainty_mm contains no deflection that the recording does not show"
+        return meaning
 
     def _range(self) -> str:
         return f"{self.low:.4g} to {self.high:.4g} {self.unit}".strip()
@@ -474,18 +474,18 @@ def _other_covariates(arm, programme):
 
 
 def _joints(arm, found):
-    for k, slides in enumerate(sliding(arm.robot)):
-        name = f"q{k + 1}_{'mm' if slides else 'deg'}"
-        if name not in arm.fitted_range:
-            continue
-        low, high = arm.fitted_range[name]
-        if slides:
-            values = found.readings[:, k]
-        else:
-            values = np.rad2deg(found.readings[:, k])
-        min_extent = _LEAST_SLIDE if slides else np.rad2deg(_LEAST_TURN)
-        excess = _excess(values, low, high, max(high - low, min_extent))
-        yield _Coverage(name, values, low, high, name.rpartition("_")[2], excess, True)
+    for name, readings in zip(reading_names(arm.robot), found.readings.T):
+        if name in arm.fitted_range:
+            yield _joint_coverage(name, readings, *arm.fitted_range[name])
+
+
+def _joint_coverage(name: str, readings: np.ndarray, low: float, high: float) -> _Coverage:
+    """readings: (n,) rad, mm; low, high: of the recording, deg, mm, as the name says."""
+    unit = name.rpartition("_")[2]
+    values = readings if unit == "mm" else np.rad2deg(readings)
+    min_extent = _LEAST_SLIDE if unit == "mm" else np.rad2deg(_LEAST_TURN)
+    excess = _excess(values, low, high, max(high - low, min_extent))
+    return _Coverage(name, values, low, high, unit, excess, True)
 
 
 def _excess(values, low, high, extent) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_model.robot import Robot
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from workbench.files.solution_file import CalibratedArm
 
 _TURN = 2 * np.pi
@@ -12,10 +12,11 @@ _TURN = 2 * np.pi
 def recorded_middle(arm: CalibratedArm) -> np.ndarray:
     """(R,) rad, mm: the middle of the recorded range of every reading, else of its limits, else 0."""
     middle = np.nan_to_num(arm.robot.limits.mean(1))
-    for k, slides in enumerate(sliding(arm.robot)):
-        recorded = (arm.fitted_range or {}).get(f"q{k + 1}_{'mm' if slides else 'deg'}")
-        if recorded is not None:
-            middle[k] = sum(recorded) / 2 * (1.0 if slides else np.pi / 180)
+    ranges = arm.fitted_range or {}
+    for k, name in enumerate(reading_names(arm.robot)):
+        if name in ranges:
+            unit = 1.0 if name.endswith("mm") else np.pi / 180
+            middle[k] = sum(ranges[name]) / 2 * unit
     return middle
 
 

@@ -21,13 +21,14 @@ def singular_joint(robot: Robot, reading: np.ndarray) -> int | None:
     left_vectors, sizes, right = np.linalg.svd(_jacobian(robot, reading), full_matrices=False)
     if sizes[-1] > _SINGULAR * sizes[0]:
         return None
-    changes = [
-        left_vectors[:, -1]
-        @ (_jacobian(robot, reading + step) - _jacobian(robot, reading - step))
-        @ right[-1]
-        for step in np.diag(_steps(robot))
-    ]
+    steps = np.diag(_steps(robot))
+    changes = [left_vectors[:, -1] @ _jacobian_change(robot, reading, s) @ right[-1] for s in steps]
     return int(np.argmax(np.abs(changes))) + 1
+
+
+def _jacobian_change(robot: Robot, reading: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """(6, R) change of the Jacobian from a step below a reading to a step above it."""
+    return _jacobian(robot, reading + step) - _jacobian(robot, reading - step)
 
 
 def reading_words(robot: Robot, reading: np.ndarray, joint: int) -> str:
@@ -45,11 +46,17 @@ def _steps(robot) -> np.ndarray:
 
 def _jacobian(robot, reading) -> np.ndarray:
     """(6, R) mm: motion of the flange, its rotation at a lever's length, per rad and per LEVER_MM of a slide."""
-    from scipy.spatial.transform import Rotation
-
     steps = np.diag(_steps(robot))
     after = nominal_poses(robot, reading + steps)
     before = nominal_poses(robot, reading - steps)
-    turned = Rotation.from_matrix(after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1))
     moved = after[:, :3, 3] - before[:, :3, 3]
-    return np.concatenate([moved.T, LEVER_MM * turned.as_rotvec().T]) / (2 * _STEP)
+    turned = _rotation_between(before, after)
+    return np.concatenate([moved.T, LEVER_MM * turned.T]) / (2 * _STEP)
+
+
+def _rotation_between(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(n, 3) rad: rotation vectors, in the root frame, from poses (n, 4, 4) to others."""
+    from scipy.spatial.transform import Rotation
+
+    relative = after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1)
+    return Rotation.from_matrix(relative).as_rotvec()

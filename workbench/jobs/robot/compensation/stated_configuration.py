@@ -17,6 +17,7 @@ from robot_model.postures.configuration import configuration_signs, has_configur
 from robot_model.postures.task_priority import Task
 from robot_model.robot import Robot
 from workbench.core.errors import InputError
+from workbench.core.text.row_numbers import listed_numbers
 from workbench.files.solution_file import CalibratedArm
 from workbench.files.targets import CONFIGURATION
 from workbench.jobs.robot.compensation.compensate import search_readings
@@ -235,16 +236,16 @@ def _sentences(column, rows, is_found) -> list[str]:
             f"({column[rows[is_found][0]]}, ...) chose their configuration."
         )
     if not is_found.all():
-        missing = [str(row + 1) for row in rows[~is_found]]
-        if len(missing) > _NAMED:
-            unlisted = f" and {len(missing) - _NAMED} more"
-        else:
-            unlisted = ""
-        notes.append(
-            f"No joint readings of the nominal arm in the stated configuration ({column[rows[~is_found][0]]}) reach "
-            f"position {', '.join(missing[:_NAMED])}{unlisted}: another configuration is taken. Check these data."
-        )
+        notes.append(_unreached_sentence(column, rows[~is_found]))
     return notes
+
+
+def _unreached_sentence(column, rows: np.ndarray) -> str:
+    positions = listed_numbers(rows, _NAMED)
+    return (
+        f"No joint readings of the nominal arm in the stated configuration ({column[rows[0]]}) reach "
+        f"position {positions}: another configuration is taken. Check these data."
+    )
 
 
 __all__ = ["with_stated_configuration"]

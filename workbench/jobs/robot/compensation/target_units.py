@@ -7,7 +7,7 @@ where the arm was when it was recorded, as they stand and after a change of the 
 import numpy as np
 
 from datasets.errors import complaint
-from robot_model.state import sliding
+from robot_model.state import reading_names, sliding
 from workbench.files.solution_file import CalibratedArm
 from workbench.jobs.robot.compensation.compensate import nominal_poses
 
@@ -92,9 +92,9 @@ def _check_positions(arm: CalibratedArm, programme, positions: np.ndarray) -> No
 def _recorded_ends(arm: CalibratedArm) -> tuple[np.ndarray, np.ndarray]:
     """(R,) lowest and (R,) highest recorded reading, rad or mm; nan where it is not known."""
     ends = []
-    for k, slides in enumerate(sliding(arm.robot)):
-        pair = arm.fitted_range.get(f"q{k + 1}_{'mm' if slides else 'deg'}", (np.nan, np.nan))
-        ends.append(np.array(pair) if slides else np.deg2rad(pair))
+    for name in reading_names(arm.robot):
+        pair = arm.fitted_range.get(name, (np.nan, np.nan))
+        ends.append(np.array(pair) if name.endswith("mm") else np.deg2rad(pair))
     return tuple(np.array(ends, float).T)
 
 

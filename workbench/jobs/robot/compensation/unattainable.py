@@ -80,14 +80,19 @@ def unattainable_targets(
     rows = np.flatnonzero(~found.reached & ~found.beyond_limits)[:_MOST_TARGETS]
     unattainable = []
     for row in rows:
-        covariates_of_row = {
-            name: np.atleast_1d(np.broadcast_to(v, len(readings))[row])
-            for name, v in (covariates or {}).items()
-        }
-        explanation = _explained(arm, int(row), readings[row], found.poses[row], covariates_of_row)
+        columns = _columns_of_row(covariates or {}, row, len(readings))
+        explanation = _explained(arm, int(row), readings[row], found.poses[row], columns)
         allowed = float(negligible_mm(found.uncertainty_mm[row]))
         unattainable.append(replace(explanation, allowed_mm=allowed))
     return unattainable
+
+
+def _columns_of_row(covariates: Mapping[str, np.ndarray], row: int, count: int) -> dict:
+    """Covariates (count,), or the same for all rows, at one row: (1,) each."""
+    return {
+        name: np.atleast_1d(np.broadcast_to(values, count)[row])
+        for name, values in covariates.items()
+    }
 
 
 def _explained(arm, row: int, start: np.ndarray, wanted: np.ndarray, covariates) -> Unattainable:

@@ -68,10 +68,15 @@ def deflection_mm(arm: CalibratedArm, programme, found: Compensated, covariates)
     readings = np.nan_to_num(found.readings)
     if not load:
         return np.zeros(len(readings))
-    loads = (np.zeros(len(readings)), np.full(len(readings), load))
-    ends = [actual_poses(arm, readings, {**covariates, LOAD: mass}) for mass in loads]
-    shift = np.linalg.norm(ends[1][:, :3, 3] - ends[0][:, :3, 3], axis=1)
+    loaded, unloaded = (_flange_places(arm, readings, covariates, mass) for mass in (load, 0.0))
+    shift = np.linalg.norm(loaded - unloaded, axis=1)
     return np.where(shift > _LEAST_MM, shift, 0.0)
+
+
+def _flange_places(arm: CalibratedArm, readings: np.ndarray, covariates, load: float) -> np.ndarray:
+    """(n, 3) mm under one load, kg, at all readings."""
+    columns = {**covariates, LOAD: np.full(len(readings), load)}
+    return actual_poses(arm, readings, columns)[:, :3, 3]
 
 
 def unknown_load_words(arm: CalibratedArm, programme, shift: np.ndarray) -> list[str]:
