@@ -35,10 +35,16 @@ def drawn_always(important: np.ndarray, max_count: int) -> np.ndarray:
     n = len(important)
     if n <= max_count:
         return np.arange(n)
-    spaced = np.linspace(0, n - 1, max_count // 2).astype(int)
-    values = np.where(np.isfinite(important), important, -np.inf)
-    largest = np.argpartition(values, n - max_count // 2)[n - max_count // 2 :]
-    return np.union1d(spaced, largest)
+    count = max_count // 2
+    spaced = np.linspace(0, n - 1, count).astype(int)
+    return np.union1d(spaced, _indices_of_largest(important, count))
+
+
+def _indices_of_largest(values: np.ndarray, count: int) -> np.ndarray:
+    """(count,) indices of the largest finite values (n,), in no order."""
+    finite = np.where(np.isfinite(values), values, -np.inf)
+    first = len(values) - count
+    return np.argpartition(finite, first)[first:]
 
 
 @dataclass(frozen=True)
@@ -79,11 +85,15 @@ def histogram_without(ordered: dict[str, np.ndarray], left_out: dict[str, np.nda
 
 def _edges(count: int, largest: list[float], bins: int | None) -> np.ndarray:
     """(B + 1,) edges of bins from zero to the largest value; their number by Rice's rule for `count` values."""
-    if bins is None:
-        bins = int(np.clip(np.ceil(2 * count ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
+    bins = _rice_bins(count) if bins is None else bins
     finite = [value for value in largest if np.isfinite(value)]
     top = max(finite, default=1.0)
     return np.linspace(0.0, top * (1 + 1e-9) or 1.0, bins + 1)
+
+
+def _rice_bins(count: int) -> int:
+    """Number of bins for `count` values by Rice's rule, within what a histogram shows well."""
+    return int(np.clip(np.ceil(2 * count ** (1 / 3)), _FEWEST_BINS, MOST_BINS))
 
 
 def _largest(values: np.ndarray) -> float:
@@ -107,10 +117,16 @@ def bins_of(x: np.ndarray, bins: int = 24) -> np.ndarray:
     finite = np.isfinite(x)
     if not finite.any():
         return np.full(len(x), -1)
-    bins = int(np.clip(finite.sum() // _LEAST_IN_BIN, 1, bins))
-    values = x[finite][thinned(int(finite.sum()), _MOST_ORDERED)]
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, bins + 1)[1:-1]))
+    edges = _inner_edges(x[finite], bins)
     return np.where(finite, np.searchsorted(edges, x, side="right"), -1).astype(np.int8)
+
+
+def _inner_edges(values: np.ndarray, max_bins: int) -> np.ndarray:
+    """Edges between at most `max_bins` bins of about equal count of finite values (n,)."""
+    count = len(values)
+    bins = int(np.clip(count // _LEAST_IN_BIN, 1, max_bins))
+    ordered = values[thinned(count, _MOST_ORDERED)]
+    return np.unique(np.quantile(ordered, np.linspace(0, 1, bins + 1)[1:-1]))
 
 
 def sums_in(place: np.ndarray, x: np.ndarray, y: np.ndarray, bins: int = 0) -> np.ndarray:

@@ -75,15 +75,23 @@ def candidates(place: Place) -> list[dict]:
 
 
 def _candidate(term: Mapping, decision: str, why: str) -> dict:
-    size = next((term[key] for key in ("size_mm", "size_px") if term.get(key) is not None), None)
     return {
         "effect": _name(term),
         "where": term["where"],
         "probability": _rounded(term["probability"], 2),
-        "size": "–" if size is None else f"{size:.3g} {'mm' if 'size_mm' in term else 'px'}",
+        "size": _size(term),
         "decision": decision,
         "why": why,
     }
+
+
+def _size(term: Mapping) -> str:
+    """Size of an effect with its unit: mm of an arm, px of a camera."""
+    size = next((term[key] for key in ("size_mm", "size_px") if term.get(key) is not None), None)
+    if size is None:
+        return "–"
+    unit = "mm" if "size_mm" in term else "px"
+    return f"{size:.3g} {unit}"
 
 
 def _alternative(other: Mapping) -> dict:
@@ -198,10 +206,14 @@ def pixel_residuals(folder: Path) -> dict[str, np.ndarray]:
     for kind in ("before", "after"):
         names = [f"{kind}_{axis}_px" for axis in "uv"]
         if all(name in columns for name in names):
-            values = np.stack([columns[name] for name in names])
-            values = values[:, np.isfinite(values).any(0)]
-            found[kind] = np.sqrt(np.nansum(values**2, axis=0))
+            found[kind] = _lengths(np.stack([columns[name] for name in names]))
     return found
+
+
+def _lengths(residual: np.ndarray) -> np.ndarray:
+    """(m,) lengths of those residuals (2, n) that have a finite coordinate."""
+    known = residual[:, np.isfinite(residual).any(0)]
+    return np.sqrt(np.nansum(known**2, axis=0))
 
 
 def write_plan(rows: Sequence[Mapping], path: Path) -> None:
@@ -257,13 +269,17 @@ def next_poses(folder: Path, robot) -> NextPoses | None:
         head, *lines = [line for line in csv.reader(file) if line] or [[]]
     if not lines:
         return None
+    return NextPoses(_with_units(head, robot), _numbers(lines, path))
+
+
+def _numbers(lines: list[list[str]], path: Path) -> np.ndarray:
+    """(k, J) readings of the rows of a file of poses. Raises InputError."""
     try:
-        readings = np.array(lines, float)
+        return np.array(lines, float)
     except ValueError as problem:
         raise InputError(
             f"{path}: expected one number for each joint in every row, found that {problem}; diagnose again"
         ) from None
-    return NextPoses(_with_units(head, robot), readings)
 
 
 def _with_units(head: Sequence[str], robot) -> tuple[str, ...]:

@@ -75,10 +75,14 @@ def change_sentence(change: Change, units: Units) -> str:
     """A change of a session for people."""
     count = len(change.items)
     noun = change.kind if count != 1 else change.kind.removesuffix("s")
-    shown = ", ".join(_shown(item, units) for item in change.items[:_MOST_SHOWN])
-    ellipsis = ", …" if count > _MOST_SHOWN else ""
     because = f" ({change.why})" if change.why else ""
-    return f"{change.action} {count} {noun}: {shown}{ellipsis}{because}"
+    return f"{change.action} {count} {noun}: {_listed(change.items, units)}{because}"
+
+
+def _listed(items, units: Units) -> str:
+    """The first items of a change, with an ellipsis where there are more."""
+    shown = ", ".join(_shown(item, units) for item in items[:_MOST_SHOWN])
+    return f"{shown}, …" if len(items) > _MOST_SHOWN else shown
 
 
 def _shown(item: object, units: Units) -> str:

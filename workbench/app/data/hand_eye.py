@@ -66,17 +66,28 @@ def _number(value: object) -> float | None:
 
 def _rows_by_name(opened: Opened) -> dict[str, tuple[int, ...]]:
     """Rows of the samples of each image, and of each pose by the name that the answer gives it."""
+    found = _rows_of_images(opened)
+    return found if found or not opened.recording.n else _rows_of_poses(opened)
+
+
+def _rows_of_images(opened: Opened) -> dict[str, tuple[int, ...]]:
+    """Image -> rows of its sample, of the images that name one."""
     numbers = opened.edit_ids
     found = {}
     for image in opened.recording.images:
         if image.get("sample") is not None:
             rows = np.flatnonzero(numbers == int(image["sample"]))
             found[image["image"]] = tuple(rows.tolist())
-    if not found and opened.recording.n:
-        labels = opened.samples.columns.get("pose", opened.recording.poses)[opened.rows]
-        for label in np.unique(labels):
-            found[f"pose {label:g}"] = tuple(np.flatnonzero(labels == label).tolist())
     return found
+
+
+def _rows_of_poses(opened: Opened) -> dict[str, tuple[int, ...]]:
+    """Name of each pose -> rows of its samples."""
+    labels = opened.samples.columns.get("pose", opened.recording.poses)[opened.rows]
+    return {
+        f"pose {label:g}": tuple(np.flatnonzero(labels == label).tolist())
+        for label in np.unique(labels)
+    }
 
 
 def has_flange(opened: Opened) -> bool:

@@ -1,6 +1,7 @@
 """Plan of the next calibration: stages and effects of the opened run with those that the session changes."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from workbench.app.data.opened import Opened
 from workbench.app.edits.apply import labels_of
@@ -67,6 +68,11 @@ def _effects(opened: Opened) -> list[dict]:
     path = opened.folder / "solution.json" if opened.folder else None
     if path is None or not path.is_file() or opened.command == DIAGNOSE:
         return []
+    return _read_effects(path)
+
+
+def _read_effects(path: Path) -> list[dict]:
+    """Effects of a solution.json. Raises InputError where it cannot be read or holds none."""
     try:
         keys = read_json(path)
     except (OSError, ContentError) as problem:

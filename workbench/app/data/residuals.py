@@ -77,11 +77,16 @@ def read_residuals(folder: Path) -> Residuals | None:
     return Residuals(sample, vectors, *placed, _angles(columns, vectors), held_out)
 
 
+def _missing_components(columns: Mapping[str, np.ndarray]) -> list[str]:
+    """Columns y and z that the vectors with a column x lack."""
+    vectors = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
+    needed = [f"{name}_{axis}_mm" for name in vectors for axis in "xyz"]
+    return [name for name in needed if name not in columns]
+
+
 def _check_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     """Raise InputError where no column is a residual with its unit, or a vector lacks a component."""
-    vectors = [name.removesuffix("_x_mm") for name in columns if name.endswith("_x_mm")]
-    needed_columns = [f"{name}_{axis}_mm" for name in vectors for axis in "xyz"]
-    missing = [name for name in needed_columns if name not in columns]
+    missing = _missing_components(columns)
     if not any(name.endswith(_UNITS) for name in columns):
         missing = ["fit_x_mm"]
     if missing:

@@ -91,11 +91,16 @@ def _deviation(points: np.ndarray, balls) -> np.ndarray:
     """(n,) mm: signed distance from the surface of the nearest ball, nan farther off than a millimetre."""
     nearest = np.full(points.shape[1], np.nan)
     for ball in balls:
-        centre = np.array([[ball[f"{axis}_mm"]] for axis in "xyz"])
-        distances = np.sqrt(((points - centre) ** 2).sum(0)) - ball["radius_mm"]
+        distances = _from_surface(points, ball)
         closer = (np.abs(distances) < _SHELL_MM) & ~(np.abs(nearest) <= np.abs(distances))
         nearest = np.where(closer, distances, nearest)
     return nearest
+
+
+def _from_surface(points: np.ndarray, ball) -> np.ndarray:
+    """(n,) mm: signed distance of points (3, n) from the surface of one ball."""
+    centre = np.array([[ball[f"{axis}_mm"]] for axis in "xyz"])
+    return np.sqrt(((points - centre) ** 2).sum(0)) - ball["radius_mm"]
 
 
 def reprojection(opened: Opened, corners: np.ndarray, index: np.ndarray) -> np.ndarray | None:

@@ -43,9 +43,14 @@ class Change:
 
 def effect_label(row: Mapping) -> str:
     """Name of an effect with its place and options: "transmission-harmonic at joint-3 (order=2)"."""
-    options = {key: value for key, value in row.items() if key not in ("effect", "where")}
-    tail = ", ".join(f"{key}={_plain(value)}" for key, value in sorted(options.items()))
+    options = sorted(_options_of(row).items())
+    tail = ", ".join(f"{key}={_plain(value)}" for key, value in options)
     return f"{row['effect']} at {row['where']}" + (f" ({tail})" if tail else "")
+
+
+def _options_of(row: Mapping) -> dict:
+    """Keys of an effect that are options of its class."""
+    return {key: value for key, value in row.items() if key not in ("effect", "where")}
 
 
 def _plain(value: object) -> object:
@@ -116,9 +121,8 @@ def _added_effect(item, where: str) -> dict:
         raise InputError(
             f"{where}, key items: expected tables with effect and where, found {item!r}; correct it"
         )
-    options = {key: value for key, value in item.items() if key not in ("effect", "where")}
     try:
-        make_effects(CATALOGUE, [(item["effect"], item["where"], options)])
+        make_effects(CATALOGUE, [(item["effect"], item["where"], _options_of(item))])
     except InputError as problem:
         raise InputError(f"{where}, key items: {problem}") from None
     return dict(item)

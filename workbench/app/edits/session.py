@@ -109,6 +109,13 @@ class Session:
         """The text of session.toml: one line for each change."""
         import tomli_w
 
+        head = tomli_w.dumps(self._head_keys())
+        lines = [f"  {change_line(change)},\n" for change in self.changes]
+        note = f"# Repeat without the app: workbench {self.command} --session FILE\n"
+        return f"{note}{head}changes = [\n{''.join(lines)}]\n"
+
+    def _head_keys(self) -> dict:
+        """All keys but the changes; of the options of single commands those that are set."""
         head = {
             "format": FORMAT,
             "command": self.command,
@@ -122,10 +129,7 @@ class Session:
             "camera": self.camera,
             "kind": self.kind,
         }
-        head |= {key: value for key, value in texts.items() if value}
-        lines = [f"  {change_line(change)},\n" for change in self.changes]
-        note = f"# Repeat without the app: workbench {self.command} --session FILE\n"
-        return f"{note}{tomli_w.dumps(head)}changes = [\n{''.join(lines)}]\n"
+        return head | {key: value for key, value in texts.items() if value}
 
     def save(self, path: Path) -> None:
         """Write session.toml at `path`, replacing an earlier one. Raises InputError."""

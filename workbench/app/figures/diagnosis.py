@@ -120,10 +120,15 @@ def next_poses(opened: Opened, poses: NextPoses | None) -> go.Figure:
     links = _links(robot, poses.readings)
     _add_arms(plot, links)
     _add_numbers(plot, links[-1], poses)
+    return style.framed(plot, *_box_around(links))
+
+
+def _box_around(links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) mm of a scene with a margin around the ends of links (k, 3, n)."""
     low = links.min(axis=(0, 2))
     high = links.max(axis=(0, 2))
     margin = _MARGIN * float(np.linalg.norm(high - low))
-    return style.framed(plot, low - margin, high + margin)
+    return low - margin, high + margin
 
 
 def _links(robot, readings: np.ndarray) -> np.ndarray:

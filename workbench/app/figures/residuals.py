@@ -69,7 +69,11 @@ def _box(work: Workspace) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest (3,) mm of the scene: of the arm in all its poses, else of the points that are drawn."""
     if has_arm(work.opened):
         return reach(work.opened, False)
-    places = work.opened.residuals.points[:, work.drawn(MOST_ARROWS)]
+    return _box_around(work.opened.residuals.points[:, work.drawn(MOST_ARROWS)])
+
+
+def _box_around(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) mm of a scene with a margin around places (3, n); of 1 mm where there are none."""
     if not places.size:
         return np.zeros(3), np.ones(3)
     low = places.min(axis=1)
@@ -98,10 +102,15 @@ def arrow_marks(work: Workspace) -> Overlay:
     if has_arm(work.opened):
         robot.add_arm(marks, work)
     _add_excluded(marks, work)
-    x, y, z = residuals.points[:, work.selected_rows[: MOST_ARROWS // 4]]
+    _add_selected(marks, residuals.points[:, work.selected_rows[: MOST_ARROWS // 4]])
+    return marks
+
+
+def _add_selected(marks: Overlay, places: np.ndarray) -> None:
+    """Rings at places (3, k) mm."""
+    x, y, z = places
     ring = dict(size=9, color=style.ORANGE, symbol="diamond-open")
     marks.add_scatter3d(x=x, y=y, z=z, mode="markers", name="selected", marker=ring)
-    return marks
 
 
 def _add_excluded(marks: Overlay, work: Workspace) -> None:

@@ -74,15 +74,20 @@ def _add_places(plot: go.Figure, work: Workspace, rows: np.ndarray) -> None:
     )
 
 
+def _add_reflectors(plot: go.Figure | Overlay, pose) -> None:
+    """Lines from the flange to its reflectors, which have one entry in the legend."""
+    for k, target in enumerate(pose.targets.T):
+        stalk = np.stack([pose.links[:, -1], target], 1)
+        _line(plot, stalk, "reflectors" if k == 0 else "", style.GREEN, 4, 4)
+
+
 def add_arm(plot: go.Figure | Overlay, work: Workspace) -> None:
     """The nominal arm at the current row with what it carries."""
     opened = work.opened
     row = int(opened.rows[work.current])
     pose = arm_pose(opened, row)
     _line(plot, pose.links, "arm at the current sample", style.INK, 9, 5)
-    for k, target in enumerate(pose.targets.T):
-        stalk = np.stack([pose.links[:, -1], target], 1)
-        _line(plot, stalk, "reflectors" if k == 0 else "", style.GREEN, 4, 4)
+    _add_reflectors(plot, pose)
     if pose.sensor is not None:
         _sensor(plot, opened, pose)
     if has_points(work):

@@ -217,12 +217,16 @@ def ball_map(opened: Opened, place: int) -> go.Figure:
 
 def _directions(points: np.ndarray, ball: Mapping) -> tuple[np.ndarray, np.ndarray]:
     """(2, k) deg directions of the points near a ball from its centre, and (n,) bool which points these are."""
-    centre = np.array([[ball["x_mm"]], [ball["y_mm"]], [ball["z_mm"]]])
-    displacement = points - centre
+    displacement = points - _centre_of(ball)
     length = np.linalg.norm(displacement, axis=0)
     is_near = np.abs(length - ball["radius_mm"]) < _NEAR_MM
     unit = displacement[:, is_near] / length[is_near]
     return np.rad2deg(np.arctan2(unit[:2], -unit[2])), is_near
+
+
+def _centre_of(ball: Mapping) -> np.ndarray:
+    """(3, 1) mm."""
+    return np.array([[ball["x_mm"]], [ball["y_mm"]], [ball["z_mm"]]])
 
 
 def _colour_range(deviation: np.ndarray) -> float:

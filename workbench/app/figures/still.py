@@ -48,13 +48,8 @@ class _View:
         axes = (scene.xaxis, scene.yaxis, scene.zaxis)
         self.low, self.high = np.array([axis.range for axis in axes], float).T
         self.ratio = _vector(scene.aspectratio)
-        eye = _vector(scene.camera.eye)
-        centre = _vector(scene.camera.center)
-        backward = (eye - centre) / np.linalg.norm(eye - centre)
-        right = np.cross([0.0, 0.0, 1.0], backward)
-        right /= np.linalg.norm(right)
-        self.eye = eye
-        self.rotation = np.stack([right, np.cross(backward, right), backward])
+        self.eye = _vector(scene.camera.eye)
+        self.rotation = _rotation_towards(self.eye - _vector(scene.camera.center))
 
     def project(self, points: np.ndarray) -> np.ndarray:
         """(2, n) positions in the image of points (3, n) mm; y points down."""
@@ -133,6 +128,14 @@ def _colours(values, top: float | None, scale):
     classes = np.minimum((shares * _CLASSES).astype(int), _CLASSES - 1)
     for number in np.unique(classes):
         yield _mixed(scale, (number + 0.5) / _CLASSES), classes == number
+
+
+def _rotation_towards(direction: np.ndarray) -> np.ndarray:
+    """(3, 3) whose rows are right, up and backward of a camera that looks against a direction (3,), z upwards."""
+    backward = direction / np.linalg.norm(direction)
+    right = np.cross([0.0, 0.0, 1.0], backward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(backward, right), backward])
 
 
 def _mixed(scale, share: float) -> str:

@@ -22,18 +22,22 @@ class PoseErrors:
         self.state.pose_errors, self.state.pose_error_unit = [], ""
         with v3.VRow(v_if="pose_errors.length"):
             with v3.VCol(cols=12, lg=7):
-                self.tab.figure(
-                    "pose_errors",
-                    "Residual of each image or pose, fit and held out",
-                    "48vh",
-                    click=(self.page.handler(self.on_click), points_of("select_mode")),
-                )
-                html.Div(
-                    "Click a bar, or a name in the table, to select its sample. Orange: left out by the run.",
-                    classes="text-caption",
-                )
+                self._bars()
             with v3.VCol(cols=12, lg=5):
                 self._table()
+
+    def _bars(self) -> None:
+        """The figure with what a click in it does."""
+        self.tab.figure(
+            "pose_errors",
+            "Residual of each image or pose, fit and held out",
+            "48vh",
+            click=(self.page.handler(self.on_click), points_of("select_mode")),
+        )
+        html.Div(
+            "Click a bar, or a name in the table, to select its sample. Orange: left out by the run.",
+            classes="text-caption",
+        )
 
     def _table(self) -> None:
         label = raw(role="group", aria_label="Errors by image or pose", tabindex="0")

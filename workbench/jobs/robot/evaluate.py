@@ -252,14 +252,7 @@ class Evaluated:
         """RMS error in mm in each third of the readings of each joint that moves; None in an empty third."""
         columns = self.recording.columns
         moving = [name for name in joint_columns(columns) if np.ptp(columns[name]) > 0]
-        return [{"joint": name, **self._by_thirds(columns[name])} for name in moving]
-
-    def _by_thirds(self, readings: np.ndarray) -> dict:
-        """Ends of the thirds of readings (n,), and the RMS error in each."""
-        edges = np.quantile(readings, np.linspace(0, 1, _BINS + 1))
-        place = np.clip(np.searchsorted(edges, readings, "right") - 1, 0, _BINS - 1)
-        rms = [_rms(self.distances[place == k]) for k in range(_BINS)]
-        return {"edges": edges.tolist(), "rms_mm": rms}
+        return [{"joint": name, **_by_thirds(columns[name], self.distances)} for name in moving]
 
 
 def evaluate(
@@ -307,6 +300,14 @@ def evaluate(
         _count(arm, samples, free),
         max_count,
     )
+
+
+def _by_thirds(readings: np.ndarray, distances: np.ndarray) -> dict:
+    """Ends of the thirds of readings (n,), and the RMS of the distances (n,) mm in each."""
+    edges = np.quantile(readings, np.linspace(0, 1, _BINS + 1))
+    place = np.clip(np.searchsorted(edges, readings, "right") - 1, 0, _BINS - 1)
+    rms = [_rms(distances[place == k]) for k in range(_BINS)]
+    return {"edges": edges.tolist(), "rms_mm": rms}
 
 
 def _is_in_runs(numbers: np.ndarray, runs: np.ndarray) -> np.ndarray:

@@ -38,15 +38,15 @@ def image_rows(recording) -> list[dict]:
     """Index, name, role, board pose and scan of every image, for lists."""
     rows = []
     for k, row in enumerate(recording.images):
-        tags = [
-            f"{key} {row[key]}"
-            for key in ("placement", "scan", "step")
-            if row.get(key) not in (None, "")
-        ]
-        rows.append(
-            {"index": k, "name": row["image"], "role": row.get("role", ""), "tags": ", ".join(tags)}
-        )
+        role = row.get("role", "")
+        rows.append({"index": k, "name": row["image"], "role": role, "tags": _tags(row)})
     return rows
+
+
+def _tags(row: Mapping) -> str:
+    """Board pose, scan and step of an image, as far as they are stated."""
+    keys = [key for key in ("placement", "scan", "step") if row.get(key) not in (None, "")]
+    return ", ".join(f"{key} {row[key]}" for key in keys)
 
 
 def overlay(recording, index: int) -> Overlay:
@@ -54,13 +54,7 @@ def overlay(recording, index: int) -> Overlay:
     from sensors.images import read
 
     row = _row_at(recording, index)
-    path = resolve_inside(Path(recording.folder), row["image"])
-    if path is None:
-        raise InputError(
-            f"{recording.name}/images.csv, image {row['image']}: expected a file in the recording's folder, "
-            "found none; correct the row"
-        )
-    image = read(path, f"{recording.name}/{row['image']}")
+    image = read(_path_of(recording, row), f"{recording.name}/{row['image']}")
     corners, index, why = _corners(recording, row, image)
     stripe, is_lost = _stripe(row, image)
     return Overlay(
@@ -98,17 +92,34 @@ def _row_at(recording, index: int) -> Mapping:
     return recording.images[index]
 
 
+def _path_of(recording, row: Mapping) -> Path:
+    path = resolve_inside(Path(recording.folder), row["image"])
+    if path is None:
+        raise InputError(
+            f"{recording.name}/images.csv, image {row['image']}: expected a file in the recording's folder, "
+            "found none; correct the row"
+        )
+    return path
+
+
 def encoded(grey: np.ndarray) -> str:
     """A data address (JPEG) of an image (H, W), made smaller where it is large."""
     import cv2
 
-    if grey.dtype != np.uint8:
-        grey = (grey.astype(np.float32) * (255 / max(int(grey.max()), 1))).astype(np.uint8)
     scale = np.sqrt(MOST_PIXELS / grey.size)
+    grey = _with_8_bits(grey)
     if scale < 1:
         grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     code = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
     return "data:image/jpeg;base64," + base64.b64encode(code.tobytes()).decode()
+
+
+def _with_8_bits(grey: np.ndarray) -> np.ndarray:
+    """(H, W) uint8: of deeper images the brightest pixel becomes 255."""
+    if grey.dtype == np.uint8:
+        return grey
+    factor = 255 / max(int(grey.max()), 1)
+    return (grey.astype(np.float32) * factor).astype(np.uint8)
 
 
 def _corners(recording, row: Mapping, image) -> tuple[np.ndarray, np.ndarray | None, str]:

@@ -117,6 +117,9 @@ class DiagnosisTab(Tab):
                 hide_details=True,
             )
             html.Div("{{ one.label }}: {{ one.problem }}.", v_if="one.problem")
+        self._term_buttons()
+
+    def _term_buttons(self) -> None:
         self.button(
             "Add ticked terms to the plan", self.apply, "[ticked]", disabled=("!ticked.length",)
         )
@@ -141,6 +144,9 @@ class DiagnosisTab(Tab):
         html.Div("{{ no_before_after }}", v_if="no_before_after")
         with html.Div(v_if="!no_before_after"):
             self.figure("before_after", "Residual before and after the diagnosis", "38vh")
+        self._next_experiment()
+
+    def _next_experiment(self) -> None:
         html.H2("Next experiment", classes="text-subtitle-1 font-weight-bold mt-2")
         html.Div("{{ next_text }}", **raw(data_text="next"))
         with html.Div(v_if="has_next"):

@@ -105,6 +105,9 @@ class EditTab(Tab):
         )
         self.button("Exclude samples above the threshold", self.exclude_above, "[threshold]")
         html.Div("Drag the line in the histogram, or the slider.", classes="text-caption")
+        self._threshold_figure()
+
+    def _threshold_figure(self) -> None:
         self.figure(
             "threshold",
             "Histogram of the residuals with the threshold",
@@ -224,14 +227,16 @@ class EditTab(Tab):
 
     def _show_threshold(self) -> None:
         value = number_of(self.state.threshold, "threshold")
-        count_above = int((self.work.kept & (self.work.lengths() > value)).sum())
-        verb = "has" if count_above == 1 else "have"
-        self.state.threshold_text = (
-            f"{counted(count_above, 'sample')} {verb} a residual above {value:.4g} mm"
-        )
+        self.state.threshold_text = self._threshold_text(value)
         key = (self.work.opened, self.work.session.changes, value)
         make = functools.partial(residuals.histogram_figure, self.work, value)
         self.draw_when_changed("threshold", key, make)
+
+    def _threshold_text(self, value: float) -> str:
+        """How many samples that are not excluded have a residual above a value, mm."""
+        count_above = int((self.work.kept & (self.work.lengths() > value)).sum())
+        verb = "has" if count_above == 1 else "have"
+        return f"{counted(count_above, 'sample')} {verb} a residual above {value:.4g} mm"
 
     def _on_threshold(self, **_) -> None:
         if self.is_shown:

@@ -83,6 +83,10 @@ class RecordingTab(Tab):
                 color="primary",
             )
         html.Div("{{ row_text }}", **raw(data_text="row", role="status"))
+        self._sample_field()
+
+    def _sample_field(self) -> None:
+        """A field for the number of the sample to show."""
         with html.Div(classes="d-flex flex-wrap align-center mt-2"):
             v3.VTextField(
                 v_model=("number_to_show",),
@@ -105,6 +109,9 @@ class RecordingTab(Tab):
             self.figure(
                 "coverage", "Readings of each joint between its limits, and the workspace", "52vh"
             )
+        self._sample_table()
+
+    def _sample_table(self) -> None:
         with html.Div(v_if="has_samples"):
             html.H2("Current sample", classes="text-subtitle-1 font-weight-bold mt-2")
             label = raw(role="group", aria_label="Columns of the current sample", tabindex="0")
