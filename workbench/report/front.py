@@ -86,17 +86,20 @@ def _chain_figures(rendered: Mapping) -> list[tuple[str, str]]:
     ]
 
 
+def _arm_errors(held_out: Mapping, nominal: Mapping) -> str:
+    return (
+        f"{rounded(held_out['rms_mm'])} mm RMS held out, "
+        f"{rounded(nominal['rms_mm'])} mm with the nominal geometry"
+    )
+
+
 def _table(folder: Path, table: Mapping, why: str) -> Section:
     """Section on a table of points of an arm, measured by an external instrument."""
     place = Path(table["run"]).name
     lines = [
         ("recording", why),
         ("samples", f"{table['samples']:,}"),
-        (
-            "arm",
-            f"{rounded(table['held_out']['rms_mm'])} mm RMS held out, "
-            f"{rounded(table['nominal']['rms_mm'])} mm with the nominal geometry",
-        ),
+        ("arm", _arm_errors(table["held_out"], table["nominal"])),
     ]
     return Section(
         "table",

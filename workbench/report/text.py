@@ -119,12 +119,14 @@ def column_label(column: str) -> str:
 def axis_label(axis) -> str:
     """A varied parameter of a study with its unit: the stated one, else that of its name or path."""
     if axis.unit:
-        return f"{axis.name.replace('_', ' ')} ({axis.unit})"
+        name = axis.name.replace("_", " ")
+        return f"{name} ({axis.unit})"
     label = column_label(axis.name)
     unit = Covariate.of(_key(axis.paths[0])).unit
     if label.endswith(")") or not unit:
         return label
-    return f"{label} ({_UNITS_OF_COLUMNS.get(unit, unit)})"
+    shown_unit = _UNITS_OF_COLUMNS.get(unit, unit)
+    return f"{label} ({shown_unit})"
 
 
 def _key(path: str) -> str:

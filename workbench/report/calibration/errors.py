@@ -82,14 +82,16 @@ class Errors:
 def errors_of(calibration) -> Errors:
     """The position residuals of the page, mm."""
     held_out = calibration.held_out_residual
+    fit = calibration.fit_residual
     is_judged = np.isfinite(held_out).all(0)
+    measured_components = (fit != 0).any(1).sum()  # a length has two zero components
     return Errors(
-        np.where(is_judged, held_out, calibration.fit_residual),
+        np.where(is_judged, held_out, fit),
         is_judged,
         _root_mean_square(calibration.recording.sigma),
-        int((calibration.fit_residual != 0).any(1).sum()) or 3,  # a length has two zero components
+        int(measured_components) or 3,
         position_kind(calibration.recording.measures),
-        fit=np.linalg.norm(calibration.fit_residual, axis=0),
+        fit=np.linalg.norm(fit, axis=0),
         nominal=np.linalg.norm(calibration.nominal_residual, axis=0),
     )
 
@@ -155,10 +157,14 @@ def error_rows(calibration, all_errors) -> list[tuple[str, ...]]:
     rows = []
     for block, name in _BLOCKS.items():
         figures = getattr(calibration, block)
-        for kind in kinds:
-            values = [rounded(figures.get(kind.key(figure))) for figure in FIGURES]
-            rows.append((name, f"{kind.quantity} ({kind.unit})", *values))
+        rows += [(name, *_error_row(figures, kind)) for kind in kinds]
     return rows
+
+
+def _error_row(figures, kind) -> tuple[str, ...]:
+    """Kind with unit, and the four figures as text."""
+    values = [rounded(figures.get(kind.key(figure))) for figure in FIGURES]
+    return (f"{kind.quantity} ({kind.unit})", *values)
 
 
 def noise_sentence(
@@ -259,8 +265,10 @@ def _bins(distance):
 def _ecdf(distance):
     """Sorted distances and share (%) of samples below, thinned evenly in rank."""
     ordered = np.sort(distance[np.isfinite(distance)])
-    rank = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), _CURVE_POINTS)).astype(int))
-    return ordered[rank], 100 * (rank + 1) / max(len(ordered), 1)
+    count = len(ordered)
+    even_ranks = np.linspace(0, count - 1, min(count, _CURVE_POINTS))
+    rank = np.unique(even_ranks.astype(int))
+    return ordered[rank], 100 * (rank + 1) / max(count, 1)
 
 
 def _add_curve(figure, name, x, y, line, unit):

@@ -52,23 +52,27 @@ def shortened(words: str, max_items: int = 8) -> str:
     items = words.split(", ")
     if len(items) <= max_items + 2:
         return words
+    listed = ", ".join(items[:max_items])
     unlisted_count = len(items) - max_items + (" and " in items[-1])
-    return f"{', '.join(items[:max_items])} and {unlisted_count} more (listed in the JSON)"
+    return f"{listed} and {unlisted_count} more (listed in the JSON)"
 
 
 def count(parameters) -> str:
     """Number of parameters that are estimated, not identifiable, and held."""
     statuses = Counter(p["status"] for p in parameters)
-    bounded = (
-        f"{statuses['at zero']} cannot be negative and {'is' if statuses['at zero'] == 1 else 'are'} held at zero, "
-        if statuses["at zero"]
-        else ""
-    )
+    bounded = _bounded_count(statuses["at zero"])
     return (
         f"Of {counted(len(parameters), 'parameter')}, {statuses['estimated']} are estimated with a standard "
         f"deviation, {statuses['not identifiable']} are not identifiable from this recording, {bounded}and "
         f"{statuses['held']} are held at nominal by the plan."
     )
+
+
+def _bounded_count(count: int) -> str:
+    if not count:
+        return ""
+    verb = "is" if count == 1 else "are"
+    return f"{count} cannot be negative and {verb} held at zero, "
 
 
 def group(where: str, parameters: list[dict], labels: Mapping[str, str]) -> dict:

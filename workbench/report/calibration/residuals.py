@@ -238,9 +238,13 @@ def _bins_of(x):
     """(n,) index of the bin: one bin per value if there are few, else about twelve of equal count."""
     values, index = np.unique(x, return_inverse=True)
     max_bins = int(np.clip(len(x) // 10, 2, 12))
-    if len(values) <= max_bins:
-        return index
-    edges = np.unique(np.quantile(x, np.linspace(0, 1, max_bins + 1)[1:-1]))
+    return index if len(values) <= max_bins else _equal_count_bins(x, max_bins)
+
+
+def _equal_count_bins(x, max_bins: int):
+    """(n,) index of bins between quantiles; bins that equal values leave empty are not counted."""
+    inner_shares = np.linspace(0, 1, max_bins + 1)[1:-1]
+    edges = np.unique(np.quantile(x, inner_shares))
     return np.unique(np.searchsorted(edges, x, side="right"), return_inverse=True)[1]
 
 

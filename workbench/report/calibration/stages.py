@@ -10,16 +10,17 @@ from workbench.report.text import counted, rounded, sentence
 def section(calibration) -> dict:
     """A step chart for each kind of error, the table of stages, and the sentence on stages that are not retained."""
     kinds = kinds_of(calibration)
-    charts = [
-        {"id": kind.prefix, "unit": kind.unit, "figure": style.packed(chart(calibration, kind))}
-        for kind in kinds
-    ]
     return {
-        "charts": charts,
+        "charts": [_chart_of_kind(calibration, kind) for kind in kinds],
         "what": " and the ".join(kind.quantity for kind in kinds),
         "rows": [row(stage, kinds) for stage in calibration.stages],
         "left_out": left_out(calibration.stages),
     }
+
+
+def _chart_of_kind(calibration, kind: Kind) -> dict:
+    packed = style.packed(chart(calibration, kind))
+    return {"id": kind.prefix, "unit": kind.unit, "figure": packed}
 
 
 def left_out(stages) -> str:
@@ -36,8 +37,6 @@ def left_out(stages) -> str:
 
 def row(stage, kinds=(POSITION,)) -> dict:
     """A row of the table; `errors`: RMS of the fit and held-out RMS, for each kind of error."""
-    reduction = stage.sentence.removeprefix(f"{stage.name}:").replace("->", "→")
-    ended = "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
     return {
         "name": stage.name,
         "why": sentence(stage.why),
@@ -45,9 +44,20 @@ def row(stage, kinds=(POSITION,)) -> dict:
         "identifiable": stage.identifiable,
         "errors": [rounded(value) for kind in kinds for value in _rms_of(stage, kind)],
         "earned": stage.earned,
-        "sentence": sentence(reduction),
-        "outcome": ended,
+        "sentence": _reduction(stage),
+        "outcome": _outcome(stage),
     }
+
+
+def _reduction(stage) -> str:
+    """By how much the stage reduces the error, without its name."""
+    reduction = stage.sentence.removeprefix(f"{stage.name}:")
+    return sentence(reduction.replace("->", "→"))
+
+
+def _outcome(stage) -> str:
+    """How the fit of the stage ended; "" where it converged."""
+    return "" if stage.outcome.startswith("converged") else sentence(stage.outcome)
 
 
 def _rms_of(stage, kind: Kind) -> tuple[float, float]:
@@ -106,13 +116,14 @@ def _lines(calibration, kind: Kind):
 def _add_held_out(plot, name, lines, colour, unit):
     if not lines:
         return
+    stages, held_out, *_ = zip(*lines)
     plot.add_scatter(
-        x=[line[1] for line in lines],
-        y=[line[0] for line in lines],
+        x=held_out,
+        y=stages,
         mode="markers+text",
         name=name,
         marker=dict(size=11, color=colour),
-        text=[f"   {rounded(line[1])} {unit}" for line in lines],
+        text=[f"   {rounded(error)} {unit}" for error in held_out],
         textposition="middle right",
         cliponaxis=False,
         hovertemplate="%{y}: held out %{x:.4f} " + unit + "<extra></extra>",

@@ -35,15 +35,17 @@ _SHORT = {"joint": "J", "link": "L", "ball": "ball "}
 def places_of(diagnosis: Diagnosis) -> list[str]:
     """Places of the chain in order, and further places with a finding."""
     known = list(diagnosis.views.chain) if diagnosis.views else []
-    all_places = [located.where for located in diagnosis.located] + [
-        term.finding.where for term in diagnosis.terms
-    ]
-    balls = sorted({where for where in all_places if Place.of(where).kind == "ball"})
-    return [
-        *known,
-        *balls,
-        *(w for w in dict.fromkeys(all_places) if w not in known and w not in balls),
-    ]
+    of_findings = _places_of_findings(diagnosis)
+    balls = sorted(where for where in of_findings if Place.of(where).kind == "ball")
+    others = [where for where in of_findings if where not in known and where not in balls]
+    return [*known, *balls, *others]
+
+
+def _places_of_findings(diagnosis: Diagnosis) -> list[str]:
+    """Each place with a located residual or a finding once."""
+    located = [located.where for located in diagnosis.located]
+    terms = [term.finding.where for term in diagnosis.terms]
+    return list(dict.fromkeys([*located, *terms]))
 
 
 def share_at(diagnosis: Diagnosis, where: str) -> float:
@@ -59,10 +61,10 @@ def share_at(diagnosis: Diagnosis, where: str) -> float:
 
 
 def _where(row, separate):
-    x = {where: float(k) for k, where in enumerate(row)} | {
-        where: _DISTANCE_APART * k for k, where in enumerate(separate)
-    }
-    return x, dict.fromkeys(row, 0.0) | dict.fromkeys(separate, -1.1)
+    x = {where: float(k) for k, where in enumerate(row)}
+    x |= {where: _DISTANCE_APART * k for k, where in enumerate(separate)}
+    y = dict.fromkeys(row, 0.0) | dict.fromkeys(separate, -1.1)
+    return x, y
 
 
 def _line(drawn, x, y, row):

@@ -49,9 +49,7 @@ def detectable(diagnosis: Diagnosis):
 
 def fold_variants(biases: Sequence[DetectableBias]) -> list[list[DetectableBias]]:
     """Groups of biases that are one row: many variants of one effect at one place, as the lines of a board."""
-    groups: dict[tuple, list[DetectableBias]] = {}
-    for bias in biases:
-        groups.setdefault((bias.effect, bias.where), []).append(bias)
+    groups = _variants(biases)
     folded = []
     for bias in biases:
         variants = groups[bias.effect, bias.where]
@@ -60,6 +58,14 @@ def fold_variants(biases: Sequence[DetectableBias]) -> list[list[DetectableBias]
         elif bias is variants[0]:
             folded.append(variants)
     return folded
+
+
+def _variants(biases: Sequence[DetectableBias]) -> dict[tuple[str, str], list[DetectableBias]]:
+    """(effect, where) -> its biases."""
+    groups: dict[tuple[str, str], list[DetectableBias]] = {}
+    for bias in biases:
+        groups.setdefault((bias.effect, bias.where), []).append(bias)
+    return groups
 
 
 def _detectable_row(variants: Sequence[DetectableBias]) -> tuple:

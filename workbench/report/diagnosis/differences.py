@@ -1,6 +1,6 @@
 """Differences between a recording and its simulation, on the page of a diagnosis: parameters, noise, physics."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,8 +18,12 @@ def three_parts(diagnosis: Diagnosis):
         return
     yield from _parameters(found)
     yield words(_noise(found["noise"]))
-    names = ", ".join(f"{effect['effect']} at {effect['where']}" for effect in found["physics"])
-    yield words(f"Physics that is not in the simulation: {names or 'none found'}.")
+    yield words(_physics(found["physics"]))
+
+
+def _physics(effects: Sequence[Mapping]) -> str:
+    names = ", ".join(f"{effect['effect']} at {effect['where']}" for effect in effects)
+    return f"Physics that is not in the simulation: {names or 'none found'}."
 
 
 def _parameters(found: Mapping):
@@ -37,15 +41,21 @@ def _parameters(found: Mapping):
 
 
 def _row(parameter: Mapping) -> tuple[str, ...]:
-    unit, factor = _DEGREES.get(parameter["unit"], (parameter["unit"], 1.0))
+    value, std = (_with_unit(parameter[key], parameter["unit"]) for key in ("value", "std"))
     return (
         f"{parameter['where']} {parameter['name']}",
-        f"{rounded(parameter['value'] * factor)} {unit}",
-        f"{rounded(parameter['std'] * factor)} {unit}",
+        value,
+        std,
         f"{parameter['sigmas']:.1f}",
         rounded(parameter["size_mm"]),
         "; ".join(parameter["confounded_with"]) or "–",
     )
+
+
+def _with_unit(value: float, unit: str) -> str:
+    """A value with its unit; angles in degrees."""
+    shown_unit, factor = _DEGREES.get(unit, (unit, 1.0))
+    return f"{rounded(value * factor)} {shown_unit}"
 
 
 def _noise(noise: Mapping) -> str:

@@ -121,12 +121,17 @@ def _fitted_to_traces(drawn: go.Figure) -> go.Figure:
     The smallest errors are many decades below the others and would take the width of the figure: the axis begins at
     the quantile `SMALLEST_SHARE`.
     """
-    ends = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
-    ends = ends[np.isfinite(ends) & (ends > 0)]
-    if len(ends):
-        low = np.quantile(ends, SMALLEST_SHARE)
-        drawn.update_xaxes(style.log_axis(low / 1.1, ends.max() * 1.1))
+    errors = _positive_errors(drawn)
+    if len(errors):
+        low = np.quantile(errors, SMALLEST_SHARE)
+        drawn.update_xaxes(style.log_axis(low / 1.1, errors.max() * 1.1))
     return drawn.update_yaxes(range=[0, 101])
+
+
+def _positive_errors(drawn: go.Figure) -> np.ndarray:
+    """(n,) finite errors above zero of all traces."""
+    errors = np.concatenate([[], *(np.asarray(trace.x, float) for trace in drawn.data)])
+    return errors[np.isfinite(errors) & (errors > 0)]
 
 
 def space(plot: Diagnosis, stage: str) -> go.Figure:
@@ -345,10 +350,11 @@ def relevant_covariates(diagnosis: Diagnosis) -> list[str]:
 def _same(x: np.ndarray, y: np.ndarray) -> bool:
     """True if two covariates differ in unit or sign only, such as a torque and the moment about the same axis."""
     is_known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[is_known], y[is_known]
-    if not len(x) or not (np.ptp(x) > 0 and np.ptp(y) > 0):
+    known = np.stack([x, y])[:, is_known]
+    if not known.size or not np.ptp(known, axis=1).all():
         return False
-    return abs(float(np.corrcoef(x, y)[0, 1])) > _SAME_CORRELATION
+    correlation = float(np.corrcoef(known)[0, 1])
+    return abs(correlation) > _SAME_CORRELATION
 
 
 def fall(views, name: str) -> float:

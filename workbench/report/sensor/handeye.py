@@ -380,7 +380,8 @@ def _measured_point(hand_eye):
     """The point on the flange, which is the tool centre point where the tool carries it."""
     yield words("Measured point in the frame of the flange (tool centre point):")
     std = np.sqrt(np.diag(hand_eye.target_covariance))
-    rows = [(axis, *_valued(v, s), "mm") for axis, v, s in zip("xyz", hand_eye.centre, std)]
+    values = map(_valued, hand_eye.centre, std)
+    rows = [(axis, *value_and_std, "mm") for axis, value_and_std in zip("xyz", values)]
     yield table(["", "value", "σ", "unit"], rows)
 
 
@@ -430,11 +431,11 @@ def _profiler(run):
 
 
 def _valued(value, std):
-    if std is not None and np.isinf(std):
-        return rounded(value, 5), "not identifiable"
     if not std or not np.isfinite(std):
-        return rounded(value, 5), "–"
-    return fixed(value, decimals_of(std)), fixed(std, decimals_of(std))
+        is_determined = std is None or not np.isinf(std)
+        return rounded(value, 5), "–" if is_determined else "not identifiable"
+    decimals = decimals_of(std)
+    return fixed(value, decimals), fixed(std, decimals)
 
 
 def _provenance(recording):

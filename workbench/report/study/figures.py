@@ -50,10 +50,11 @@ def scatter_of_runs(
 
 def _upwards(plot, values):
     """From zero, or logarithmic if the values span more than a factor of fifty."""
-    positive = values[np.isfinite(values) & (values > 0)]
-    all_positive = (values[np.isfinite(values)] > 0).all()
-    if positive.size and all_positive and positive.max() > 50 * positive.min():
-        plot.update_yaxes(style.log_axis(positive.min() / 1.1, positive.max() * 1.1))
+    finite = values[np.isfinite(values)]
+    low = finite.min(initial=np.inf)
+    high = finite.max(initial=0.0)
+    if low > 0 and high > 50 * low:
+        plot.update_yaxes(style.log_axis(low / 1.1, high * 1.1))
     else:
         plot.update_yaxes(rangemode="tozero")
 

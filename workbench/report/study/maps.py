@@ -67,11 +67,10 @@ def _errors(world, calibrations, test):
     if not calibrations:
         return [("Uncalibrated", robots.believed(world.truth, test))]
     first = next(iter(calibrations.values()))
-    models = [
-        (f"After {name}", robots.residual_of(calibration, test))
-        for name, calibration in calibrations.items()
-    ]
-    return [("Nominal, base and tool fitted", robots.nominal_residual(first, test)), *models]
+    errors = [("Nominal, base and tool fitted", robots.nominal_residual(first, test))]
+    for name, calibration in calibrations.items():
+        errors.append((f"After {name}", robots.residual_of(calibration, test)))
+    return errors
 
 
 def _places(robot, test) -> np.ndarray:
