@@ -22,7 +22,7 @@ LONGEST_TEST_FILE = 800
 DEEPEST_CLASS = 1
 # Folders -> ceilings of the density of code: nodes of the syntax tree in a line of a function's body, and the median
 # number of nodes in a function's body. They are only lowered.
-DENSITY = {"": (12.05, 48), "workbench/diagnosis": (13.3, 47)}
+DENSITY = {"": (12.05, 46), "workbench/diagnosis": (13.3, 47)}
 # Packages whose docstrings say what a thing is or does: none begins with "What".
 WITHOUT_WHAT = ("robot_model", "workbench/core")
 TEXTS = {".py", ".toml", ".md", ".csv", ".j2", ".sh", ".yml", ".yaml", ".cfg", ""}
