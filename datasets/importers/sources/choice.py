@@ -14,6 +14,7 @@ from datasets.importers.source import ImageFile, RawTable, Source
 from datasets.importers.sources import arrays, clouds, geodetic_words, ros_bags, storage
 from datasets.importers.sources.pose_files import STRUCTURED, read_pose_files
 from datasets.importers.sources.programs import joint_lists, robot_programs, yaskawa_jobs
+from datasets.importers.sources.stored_profiles import is_stored_profile
 from datasets.importers.sources.tables import axis_reports, excel, text_tables
 from datasets.importers.sources.tables.line_blocks import read_line_blocks
 from datasets.importers.sources.tables.reshaped import one_row_per_sample
@@ -171,8 +172,9 @@ def _read_folder(folder: Path, scratch: Path) -> Source:
     scans = [path for path in files if path.suffix.lower() == ".npy"]
     profiles += _many([path for path in scans if clouds.is_array_cloud(path)])
     structured = [path for path in files if path.suffix.lower() in STRUCTURED]
-    series, others = read_pose_files([p for p in texts if p not in profiles] + structured)
-    tables = tuple(replace(table, folder=folder) for table in series)
+    profiles += _many([path for path in structured if is_stored_profile(path)])
+    series, others = read_pose_files([p for p in texts + structured if p not in profiles])
+    tables = tuple(replace(table, folder=table.folder or folder) for table in series)
     found, skipped = Source(tables=tables), []
     found = found + Source(clouds=tuple(profiles))
     for path in files:

@@ -1,4 +1,4 @@
-"""Point clouds and profiles (two columns of text) without invalid points, thinned to what a fit can use.
+"""Point clouds and profiles (two columns of text, or a FileStorage) without invalid points, thinned for a fit.
 
 PLY and PCD are read through Open3D; XYZ, PTS and ASC are text, and NPY arrays (n, 3) or (rows, columns, 3).
 """
@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from datasets.errors import complaint
+from datasets.importers.sources import stored_profiles
 from workbench.core.text.cloud_headers import pcd_problem, ply_problem
 
 EXTENSIONS = {".ply", ".pcd", ".xyz", ".pts"}
 _TEXT_CLOUD = ".asc"
-PROFILES = {".csv", ".txt", ".dat", ".asc", ".tsv"}
+PROFILES = {".csv", ".txt", ".dat", ".asc", ".tsv", *stored_profiles.EXTENSIONS}
 _FEWEST = 4
 _FARTHEST = 1e12
 """Of any unit of length: larger coordinates, such as the largest float, mark invalid points."""
@@ -23,7 +24,9 @@ _REPEATED, _REPEATED_SHARE, _TIMES_AS_OFTEN = 5, 0.02, 5.0
 
 
 def is_profile(path: Path) -> bool:
-    """Whether a text file holds one profile of a laser profiler: lines of two numbers, x and z, after some titles."""
+    """Whether a file holds one profile of a laser profiler: lines of x and z after some titles, or a FileStorage."""
+    if path.suffix.lower() in stored_profiles.EXTENSIONS:
+        return stored_profiles.is_stored_profile(path)
     with path.open(encoding="utf-8", errors="replace") as file:
         head = [_numbers(line) for line in islice(file, _HEAD_LINES)]
         rows = [row for row in head if row]
@@ -58,6 +61,8 @@ def read_cloud(path: Path, max_points: int) -> np.ndarray:
         points = np.load(path, allow_pickle=False).reshape(-1, 3).astype(float)
     elif suffix in {".xyz", ".pts"} or is_text_cloud(path):
         points = _read_xyz(path)
+    elif suffix in stored_profiles.EXTENSIONS:
+        points = stored_profiles.read_stored_profile(path)
     elif suffix in PROFILES:
         points = _read_profile(path)
     else:

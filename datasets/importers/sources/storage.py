@@ -16,6 +16,7 @@ from workbench.core.text.structured_text import ContentError, parse_json, read_j
 XML, JSON_LINES = {".xml", ".dtx"}, {".jsonl", ".ndjson"}
 EXTENSIONS = {".yml", ".yaml", ".json", *XML, *JSON_LINES}
 _HEAD_BYTES = 4096
+_FILE_STORAGE = re.compile(r"%YAML:1\.0|opencv_storage|opencv-matrix")
 _NUMBERED_PART = re.compile(
     r"(?:(R|rvec|rot|rotation|rmat)|(t|tvec|trans|translation))s?(?:[_ ]+(.*?))?[_ ]?(\d+)", re.I
 )
@@ -23,10 +24,9 @@ _NUMBERED_PART = re.compile(
 
 def read_storage(path: Path) -> Source:
     """A board from Kalibr's YAML, or tables and a camera from OpenCV's FileStorage. Raises InputError for others."""
-    head = path.read_bytes()[:_HEAD_BYTES].decode("utf-8", errors="replace")
-    if "target_type" in head:
+    if "target_type" in _head(path):
         return read_kalibr_target(path)
-    if re.search(r"%YAML:1\.0|opencv_storage|opencv-matrix", head):
+    if is_file_storage(path):
         return read_opencv(path)
     if path.suffix.lower() in XML:
         return Source(tables=tuple(read_xml_records(path)))
@@ -35,6 +35,16 @@ def read_storage(path: Path) -> Source:
     if path.suffix.lower() == ".json":
         return Source(tables=tuple(read_record_tables(path, _json(path))))
     return Source(tables=tuple(read_record_tables(path, _yaml(path))))
+
+
+def is_file_storage(path: Path) -> bool:
+    """Whether a file begins as OpenCV's FileStorage does."""
+    return _FILE_STORAGE.search(_head(path)) is not None
+
+
+def _head(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES).decode("utf-8", errors="replace")
 
 
 def _yaml(path: Path):
@@ -130,18 +140,8 @@ def _kalibr_board(keys: dict, path: Path) -> dict:
 
 def read_opencv(path: Path) -> Source:
     """Tables of the matrices, and a camera where camera_matrix is there. Raises InputError where it cannot be read."""
-    import cv2
-
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        opened = storage.isOpened()
-        arrays = dict(_matrices(storage.root())) if opened else {}
-        storage.release()
-    except (cv2.error, SystemError, UnicodeError, RecursionError, ValueError):
-        opened = (
-            False  # SystemError: text of the file that is not UTF-8, in OpenCV's Python binding
-        )
-    if not opened:
+    arrays = stored_arrays(path)
+    if arrays is None:
         raise complaint(
             path.name, "an OpenCV FileStorage", "a file that OpenCV cannot read", "write it again"
         )
@@ -156,6 +156,19 @@ def read_opencv(path: Path) -> Source:
     if camera is not None and not arrays:
         return Source(camera=camera)
     return Source(tables=tuple(tables_of_arrays(path, arrays)), camera=camera)
+
+
+def stored_arrays(path: Path) -> dict[str, np.ndarray] | None:
+    """Names and arrays of all matrices and lists of numbers of a FileStorage; None where OpenCV cannot read it."""
+    import cv2
+
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        arrays = dict(_matrices(storage.root())) if storage.isOpened() else None
+        storage.release()
+    except (cv2.error, SystemError, UnicodeError, RecursionError, ValueError):
+        return None  # SystemError: text of the file that is not UTF-8, in OpenCV's Python binding
+    return arrays
 
 
 def _matrices(node, prefix: str = ""):

@@ -100,12 +100,12 @@ def _simplified_names(images, cells: np.ndarray) -> list[tuple[ImageFile, int]]:
     stems = np.array([Path(image.name).stem for image in images])
     rows, files = names_in_both(cells, stems)
     place = dict(zip(files, images))
-    if len(place) < len(images) or _are_shifted(rows, files):
+    if len(place) < len(images) or are_shifted(rows, files):
         return []
     return [(place[name], row) for row, name in enumerate(rows) if name in place]
 
 
-def _are_shifted(first: Sequence[str], second: Sequence[str]) -> bool:
+def are_shifted(first: Sequence[str], second: Sequence[str]) -> bool:
     """Whether two lists count equally many neighbouring numbers from different starts."""
     if len(first) != len(second) or not all(name.isdigit() for name in (*first, *second)):
         return False

@@ -24,6 +24,7 @@ from workbench.recordings.importing.sources.point_files import with_point_files
 from workbench.recordings.importing.sources.timed_join import TimedJoin
 from workbench.recordings.importing.sources.touches import with_touches
 from workbench.recordings.importing.target_poses.centre_layouts import pose_and_centre
+from workbench.recordings.importing.target_poses.common_rows import with_common_rows
 from workbench.recordings.importing.target_poses.layouts import two_pose_sets
 
 _OF_POSITIONS = ("external-point", "ball-centre")
@@ -91,10 +92,10 @@ def find_mapping(
         source = replace(source, tables=tuple(tables))
     options = replace(options, mapping=mapping)
     if is_plain and _may_be_target_poses(options):
-        tables = with_distinct_stems(source.tables)
+        tables, notes = with_common_rows(with_distinct_stems(source.tables))
         pair = two_pose_sets(tables, mapping) or pose_and_centre(tables, mapping)
         if pair is not None:
-            return Found(source, *pair, (), (*warnings, *pair[0].warnings))
+            return Found(source, *pair, (), (*warnings, *pair[0].warnings, *notes))
     if is_plain:
         touches = with_touches(source.tables, mapping, options.robot or mapping.robot)
     else:
