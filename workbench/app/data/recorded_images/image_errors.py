@@ -18,13 +18,13 @@ class ImageError:
     rms: float
 
 
-@lru_cache(maxsize=4)
 def _rms_by_image(found) -> dict[str, object]:
     """Image -> RMS as the answer states it, which may be no number; {} where the answer lists no images."""
     rows = [row for row in found if isinstance(row, Mapping)] if isinstance(found, list) else []
     return {str(row.get("image")): row.get("rms_px") for row in rows}
 
 
+@lru_cache(maxsize=4)
 def image_errors(opened: Opened) -> tuple[ImageError, ...]:
     """Errors in the order of images.csv; () for a run that calibrated no camera."""
     rms = _rms_by_image(camera_answer(opened).get("images"))

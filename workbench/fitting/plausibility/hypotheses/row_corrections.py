@@ -108,6 +108,8 @@ def _reversed(names, step: int) -> Correction:
     """All rows in reverse order, or the poses of `step` rows each."""
 
     def apply(robot, recording):
+        if recording.n % step:  # another correction has left rows out
+            return robot, recording
         source = np.arange(recording.n).reshape(-1, step)[::-1].ravel()
         columns = {c: v[source] if c in names else v for c, v in recording.columns.items()}
         return robot, replace(recording, columns=columns)
@@ -145,6 +147,8 @@ def _in_other_order(names, source, in_order: str, sorted_part: str, other: str) 
     """The measurement of each row is in the row `source` (n,); sorted_part: what is sorted as text, not the other."""
 
     def apply(robot, recording):
+        if recording.n != len(source):  # another correction has left rows out
+            return robot, recording
         columns = {c: v[source] if c in names else v for c, v in recording.columns.items()}
         return robot, replace(recording, columns=columns)
 

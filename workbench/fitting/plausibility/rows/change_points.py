@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_model.measurements import end_recordings
 from robot_model.measurements.ball_scan import FILE_KIND
 from robot_model.measurements.ball_surface import numbers_of_scans
 from workbench.core.errors import InputError
@@ -186,9 +187,11 @@ class _System:
         gradient = flat @ self.residual.ravel()
         self.is_usable = is_usable
         self.deflection = LoadDeflection.of(model, parameters, lever)
-        self.load = self._load_at(np.zeros(3))
-        if np.ptp(model.chain.state.payload) > 0:  # the change of load is recorded
-            self.load = self.load[:0]
+        is_recorded = np.ptp(model.chain.state.payload) > 0
+        if is_recorded or len(end_recordings(recording)) > 1:  # the ends of a length deflect apart
+            self.load = np.zeros((0, *self.residual.shape))
+        else:
+            self.load = self._load_at(np.zeros(3))
         self.pose = recording.poses
         self.projected = self.residual - np.tensordot(self.inverse @ gradient, self.rows, 1)
         self.squares = float((self.projected**2).sum())
