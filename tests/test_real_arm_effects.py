@@ -13,7 +13,7 @@ from robot_model.effects.friction import lattice_step
 from robot_model.effects.instrument import sight_lines
 from robot_model.effects.unknown_masses import bar_moments, base_columns
 from robot_model.load_mass import load_masses
-from robot_model.stiffness import MASSES, PRODUCT, stiffness_rows
+from robot_model.stiffness import LOADS_AND_MASSES, PRODUCT, stiffness_rows
 from scenes import ABB, CRAIG, SLIDING, SLIDING_CRAIG, model_of, scene
 from workbench.core.covariates import MotionHistory
 from workbench.core.effect import numeric_derivative
@@ -271,7 +271,7 @@ def test_stiffness_is_stated_only_where_masses_are_known():
     parameters = replace(model.parameters, values=values, mask=np.ones(len(values), bool))
     std = {parameters.table[k].key: 1e-6 for k in first}
     known, product = stiffness_rows(model, parameters, std)
-    assert known.known_from == MASSES and known.stiffness == pytest.approx(5e4)
+    assert known.known_from == LOADS_AND_MASSES and known.stiffness == pytest.approx(5e4)
     assert product.known_from == PRODUCT and product.stiffness is None and product.unit == "rad"
 
 

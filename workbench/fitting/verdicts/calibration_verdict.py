@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from robot_model.measurements.ball_scan import FILE_KIND
 from workbench.fitting.plausibility.hypotheses.corrections import listed
-from workbench.fitting.verdicts.noise_report import DIAGNOSE, NoiseReport, is_above
+from workbench.fitting.verdicts.noise_report import DIAGNOSE, TOO_FEW, NoiseReport, is_above
 from workbench.fitting.verdicts.residual_structure import ORDER
 from workbench.fitting.verdicts.verdict import (
     STATED,
@@ -21,9 +21,6 @@ from workbench.fitting.verdicts.verdict import (
 
 _ORIENTED = ("external-pose", "partial-pose")
 POSITION, ORIENTATION = "held-out RMS position error", "held-out RMS orientation error"
-# Cross-validation of a right model inflates the held-out error by about sqrt(1 + u/(N - u)), with u parameters and N
-# coordinates. At 1.5 times, parameters take more than half of the coordinates.
-_TOO_FEW = 1.5
 _PLACES = {"base": "the instrument or the base", "tool": "the reflector, sensor or tool"}
 _LEAST_SHARE = 1 - 1 / 1.1**2  # of a mean square, without which its root falls by a tenth
 _MOVED = 0.5  # share of the test error that remains once the part that moved is estimated on the test samples
@@ -220,7 +217,7 @@ def _too_few_poses(quantity: _Quantity) -> str:
     if not expected > 0 or not math.isfinite(quantity.held_out):
         return ""
     ratio = quantity.held_out / expected
-    if ratio < _TOO_FEW or not is_far_above(ratio, quantity.degrees):
+    if ratio < TOO_FEW or not is_far_above(ratio, quantity.degrees):
         return ""
     errors = (
         f"fit {quantity.fit:.2g} {quantity.unit}, held out {quantity.held_out:.2g} {quantity.unit}"

@@ -23,6 +23,9 @@ _LEAST_REPEATS = 6  # degrees of freedom per component below which replicates sa
 IMPLAUSIBLE_SHARE = 0.002
 # The same of an orientation: by it, a tool of a tenth of the reach is displaced by 0.2 % of the reach.
 IMPLAUSIBLE_DEG = float(np.rad2deg(10 * IMPLAUSIBLE_SHARE))
+# Cross-validation of a right model inflates the held-out error by about sqrt(1 + u/(N - u)), with u parameters and N
+# coordinates. At 1.5 times, parameters take more than half of the coordinates.
+TOO_FEW = 1.5
 _NAMED = 12
 DIAGNOSE = "run `workbench diagnose`"
 
@@ -301,8 +304,8 @@ def _implausible_held_out(found: Findings) -> tuple[str, ...]:
 
 
 def _excess(value: float, expected: float) -> float:
-    """The part of an RMS value above the expected one, by squares; 0 where it is not larger or not known."""
-    return float(np.sqrt(value**2 - expected**2)) if value > expected else 0.0
+    """The part of an RMS value above the expected one, by squares; 0 where a right model may have it, or unknown."""
+    return float(np.sqrt(value**2 - expected**2)) if value > TOO_FEW * expected else 0.0
 
 
 def _known_sigma(found: Findings) -> float:
