@@ -495,9 +495,3 @@ def test_a_held_out_sample_next_to_an_instant_is_not_predicted_where_no_other_te
     far = np.argsort(np.abs(times - 445.0))[10:20]
     elsewhere = np.where(np.isin(np.arange(len(times)), far), 0, 1)
     assert np.isfinite(errors(effects, elsewhere)[far]).all()
-
-
-def test_errors_before_and_after_are_of_the_same_samples():
-    before, inliers = np.array([1.0, 1.0, 1.0, 50.0]), np.ones(4, bool)
-    after = np.array([2.0, 2.0, 2.0, np.nan])
-    assert held_out.rms_pair(before, after, inliers) == (1.0, 2.0), "the last is not predicted"

@@ -400,3 +400,9 @@ def test_where_a_smooth_function_is_significant_it_is_what_is_unexplained(monkey
     places = (Located("joint-2", "joint", ("q2",), 0.4, 1e-8),)
     (term,) = unknown_terms(found_with(places), (), (), None)
     assert (term.finding.where, term.share, term.finding.p_value) == ("joint-2", 0.4, 1e-8)
+
+
+def test_errors_before_and_after_are_of_the_same_samples():
+    before, inliers = np.array([1.0, 1.0, 1.0, 50.0]), np.ones(4, bool)
+    after = np.array([2.0, 2.0, 2.0, np.nan])
+    assert held_out.rms_pair(before, after, inliers) == (1.0, 2.0), "the last is not predicted"

@@ -34,7 +34,7 @@ from workbench.explanation.noise import replicates, stated_noise
 from workbench.explanation.noise.angular_noise import with_angular_noise
 from workbench.explanation.noise.correlated_noise import correlated_noise
 from workbench.explanation.noise.heavy_tails import heavy_tails
-from workbench.explanation.noise.hidden_waves import hidden_waves
+from workbench.explanation.noise.hidden_harmonics import hidden_harmonics
 from workbench.explanation.noise.noise_terms import noise_terms
 from workbench.explanation.numbered_samples import with_sentences
 from workbench.explanation.planning.experiment import (
@@ -317,8 +317,8 @@ def _with_stated_noise(last: "FinalModel", proved, terms, refused):
         terms = (*terms, heavy)
     if wrong is not None:
         found = wrong
-        waves = hidden_waves(wrong, terms, compared.degrees, last.bench.chain)
-        finding = stated_noise.finding_of(wrong, waves)
+        harmonics = hidden_harmonics(wrong, terms, compared.degrees, last.bench.chain)
+        finding = stated_noise.finding_of(wrong, harmonics)
         terms = (*terms, Term(finding, stated_noise.parameters_of(wrong)))
     if found is not None:
         noise = np.sqrt(len(compared.white)) * stated_sigma(last.bench.recording) * found.factor

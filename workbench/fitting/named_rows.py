@@ -35,10 +35,8 @@ def without_named_rows(robot: Robot, recording: Recording) -> NamedRows:
     none is: `suspicions` are then those of all rows.
     """
     first = found = check_plausibility(robot, recording)
-    if (
-        recording.measures == FILE_KIND
-    ):  # rows are points of scans there, which are chosen within each scan
-        return NamedRows(first)
+    if recording.measures == FILE_KIND:
+        return NamedRows(first)  # rows are points of scans, which are chosen within each scan
     keep = np.ones(recording.n, bool)
     sentences = []
     for _ in range(_ROUNDS):

@@ -216,20 +216,25 @@ def _of_scan(scan: Scan, scores: Scores, required: set) -> Iterator[Hypothesis]:
     labels = {label for family, label in required if family == scan.family}
     required_indices = [i for i in others if labels and scan.word.format(scan.options[i]) in labels]
     for i in (*best[:MOST_LISTED], *required_indices):
-        value = float(scan.options[i])
-        yield Hypothesis(
-            scan.effect,
-            scan.where,
-            scan.word.format(value),
-            scan.family,
-            scan.make(value),
-            scan,
-            value,
-            scan.prior_weight[i],
-            *scores.row(i),
-            smooth_covariates=scan.smooth_covariates,
-            coexists=scan.coexists,
-        )
+        yield row_of_scan(scan, scores, i)
+
+
+def row_of_scan(scan: Scan, scores: Scores, i: int) -> Hypothesis:
+    """Option i of a scan, judged; its prior is that of its family alone."""
+    value = float(scan.options[i])
+    return Hypothesis(
+        scan.effect,
+        scan.where,
+        scan.word.format(value),
+        scan.family,
+        scan.make(value),
+        scan,
+        value,
+        scan.prior_weight[i],
+        *scores.row(i),
+        smooth_covariates=scan.smooth_covariates,
+        coexists=scan.coexists,
+    )
 
 
 def _of_sites(problem: Problem, projected: Projected) -> Iterator[Hypothesis]:

@@ -1,7 +1,7 @@
-"""Waves of one order at several joints: most arms have gears of one kind and ratio at several joints.
+"""Harmonics of one order at several joints: most arms have gears of one kind and ratio at several joints.
 
-An order that one joint has is likely at the others, too. The waves of all joints together are then one hypothesis with
-two numbers a joint and a single prior of the order: it shows waves of which none is significant by itself.
+An order that one joint has is likely at the others, too. The harmonics of all joints together are then one hypothesis
+with two numbers a joint and a single prior of the order: it shows harmonics of which none is significant by itself.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from robot_model.effects.transmission import TransmissionHarmonic
 from workbench.diagnosis.levels import MAJORITY
 from workbench.diagnosis.linear.candidates import Scan
 from workbench.diagnosis.linear.evidence import Projected, Scores, scan_moments
-from workbench.diagnosis.linear.hypotheses import SMOOTH_LEVEL, Hypothesis
+from workbench.diagnosis.linear.hypotheses import SMOOTH_LEVEL, Hypothesis, row_of_scan
 from workbench.diagnosis.linear.problem import Problem
 
 LOG_ODDS_OF_COMMON = 0.0
@@ -26,7 +26,7 @@ _HALVES = 40.0
 
 
 def order_group(h: Hypothesis) -> float:
-    """The order of a wave beyond those that any joint has, rounded as the searched orders are; nan of other terms."""
+    """The order of a harmonic above those that any joint has, rounded as the searched ones; nan of other terms."""
     effect = h.effects[0] if h.effects and not h.smooth_covariates else None
     if not isinstance(effect, TransmissionHarmonic) or effect.order <= _LOW:
         return np.nan
@@ -40,7 +40,7 @@ def rounded_order(order: float) -> float:
 
 
 def is_curve(h: Hypothesis) -> bool:
-    """Whether a term is the error curve of a joint, of which waves at this joint are a part.
+    """Whether a term is the error curve of a joint, of which harmonics at this joint are a part.
 
     An error of many orders shows no gear, so that its orders say nothing of other joints, nor theirs of it.
     """
@@ -58,11 +58,11 @@ def groups_of(terms: Sequence[Hypothesis]) -> dict[float, set[str]]:
     return groups
 
 
-def required_waves(problem: Problem, terms: Sequence[Hypothesis]) -> list[tuple[str, str]]:
-    """(family, label) of the waves at all joints that have the order of one of some terms."""
+def required_harmonics(problem: Problem, terms: Sequence[Hypothesis]) -> list[tuple[str, str]]:
+    """(family, label) of the harmonics at all joints that have the order of one of some terms."""
     groups = groups_of(terms)
     required = []
-    for scan in wave_scans(problem) if groups else ():
+    for scan in harmonic_scans(problem) if groups else ():
         for i, option in enumerate(scan.options):
             if rounded_order(option) in groups:
                 required.append((scan.family, scan.word.format(scan.options[i])))
@@ -74,7 +74,7 @@ def with_common_orders(
 ) -> list[Hypothesis]:
     """A table conditional on some terms, with the prior odds of their orders at other joints; the likeliest first.
 
-    Waves of these orders share half of the error level.
+    Harmonics of these orders share half of the error level.
     """
     groups = groups_of(terms)
     if not groups:
@@ -98,16 +98,16 @@ def with_common_orders(
     return sorted(rows, key=lambda h: -h.log_weight)
 
 
-def wave_scans(problem: Problem) -> list[Scan]:
-    """The scans of a problem over the orders of waves, one a joint."""
+def harmonic_scans(problem: Problem) -> list[Scan]:
+    """The scans of a problem over the orders of harmonics, one a joint."""
     name = TransmissionHarmonic.effect
     return [s for s in problem.scans if s.effect == name and not s.is_exact]
 
 
-def waves_of_common_order(
+def harmonics_of_common_order(
     problem: Problem, table: Sequence[Hypothesis], accepted: Sequence[Hypothesis] = ()
 ) -> list[Hypothesis]:
-    """The waves of the order that is most probable at several joints together; none where no order is.
+    """The harmonics of the order that is most probable at several joints together; none where no order is.
 
     problem: conditional on what is accepted; table: of the same. Joints with an accepted curve have none.
     Each joint has the order or does not, either as likely as the other, so that its Bayes factor B counts as
@@ -115,7 +115,7 @@ def waves_of_common_order(
     """
     known = {h.family: h for h in table if np.isfinite(order_group(h))}
     with_curve = {h.where for h in accepted if is_curve(h)}
-    scans = [s for s in wave_scans(problem) if s.family in known and s.where not in with_curve]
+    scans = [s for s in harmonic_scans(problem) if s.family in known and s.where not in with_curve]
     if len(scans) < 2:
         return []
     projected = Projected(problem)
@@ -123,15 +123,15 @@ def waves_of_common_order(
     scores = projected.score_groups(moments)
     order, log_odds = _most_probable_order(scans, scores)
     rows = [_row(scan, s, known[scan.family], order) for scan, s in zip(scans, scores)]
-    waves = [h for h in rows if h is not None and h.evidence > 0]
-    if len(waves) < 2 or log_odds + max(h.log_prior for h in waves) < 0:
+    harmonics = [h for h in rows if h is not None and h.evidence > 0]
+    if len(harmonics) < 2 or log_odds + max(h.log_prior for h in harmonics) < 0:
         return []
-    return waves
+    return harmonics
 
 
 def common_order_p_value(problem: Problem) -> float:
-    """p-value that several joints have waves of one order, of all orders that are searched; F test of their columns."""
-    scans = wave_scans(problem)
+    """p-value of harmonics of one order at several joints: F test of their columns, Bonferroni over the orders."""
+    scans = harmonic_scans(problem)
     if len(scans) < 2:
         return 1.0
     projected = Projected(problem)
@@ -162,28 +162,13 @@ def _most_probable_order(scans: Sequence[Scan], scores: Sequence[Scores]) -> tup
 
 
 def _row(scan: Scan, scores: Scores, known: Hypothesis, order: float) -> Hypothesis | None:
-    """The wave of one order of a scan as a table has it; None where the scan has no such order.
+    """The harmonic of one order of a scan as a table has it; None where the scan has no such order.
 
     known: a row of the same family.
     """
     places = np.flatnonzero(scan.options == order)
     if not len(places):
         return None
-    i = int(places[0])
-    weight = float(scan.prior_weight[i])
-    log_prior = known.log_prior + float(np.log(weight / known.prior_weight))
-    evidence, p, gain, rank = scores.row(i)
-    return replace(
-        known,
-        label=scan.word.format(order),
-        effects=scan.make(order),
-        source=scan,
-        value=order,
-        prior_weight=weight,
-        evidence=evidence,
-        p=p,
-        gain=gain,
-        rank=rank,
-        log_prior=log_prior,
-        log_bonus=0.0,
-    )
+    row = row_of_scan(scan, scores, int(places[0]))
+    log_share = float(np.log(row.prior_weight / known.prior_weight))
+    return replace(row, log_prior=known.log_prior + log_share, weight=known.weight)

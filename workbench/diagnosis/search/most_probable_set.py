@@ -14,7 +14,7 @@ from workbench.diagnosis.levels import (
 )
 from workbench.diagnosis.linear.candidates import Candidate
 from workbench.diagnosis.linear.hypotheses import Hypothesis
-from workbench.diagnosis.search.common_orders import waves_of_common_order
+from workbench.diagnosis.search.common_orders import harmonics_of_common_order
 from workbench.diagnosis.search.instants import refine_instants
 from workbench.diagnosis.search.objective import Accepted, LogPosterior, Members
 from workbench.diagnosis.search.options import (
@@ -40,11 +40,11 @@ def accept_most_probable_set(search: Search, thorough: bool = True) -> None:
     """
     tried: list[set] = []
     for _ in range(MAX_ROUNDS):
-        terms, present, wave_numbers = _candidate_terms(search, thorough)
+        terms, present, harmonic_numbers = _candidate_terms(search, thorough)
         remainder = search.problem.conditional_on()
         solved = as_solved(search, terms[: len(present)])
         objective = LogPosterior.of(search.problem.conditional_on(()), terms, remainder, solved)
-        members = Stepwise(objective, wave_numbers).most_probable_set(present)
+        members = Stepwise(objective, harmonic_numbers).most_probable_set(present)
         if search.bench.bends_with_effects and not present:
             members = dominant_law(objective, members, len(remainder.sample))
         chosen = [terms[i] for i in members]
@@ -144,15 +144,15 @@ def _is_last(
 def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], Members, Members]:
     """Terms to search: the accepted ones, whose numbers are given, and what is likely alone or in addition.
 
-    Then the numbers of waves of one order at several joints, which may be significant only as a set. thorough: also the
-    most probable in the place of each.
+    Then the numbers of harmonics of one order at several joints, which may be significant only as a set. thorough: also
+    the most probable in the place of each.
     """
     if not search.screened:
         first = _most_probable(search.full_table(()), _FIRST, _MAX_SMOOTH)
         search.screened = with_estimated_options(search, first, ())
     table = search.table(search.accepted_indices)
-    waves = waves_of_common_order(search.problem.conditional_on(), table, search.accepted)
-    pools = [search.screened, waves]
+    harmonics = harmonics_of_common_order(search.problem.conditional_on(), table, search.accepted)
+    pools = [search.screened, harmonics]
     if search.accepted:
         additions = _most_probable(table, _FIRST // 2, _MAX_SMOOTH)
         pools.append(with_estimated_options(search, additions, search.accepted_indices))
@@ -166,9 +166,9 @@ def _candidate_terms(search: Search, thorough: bool) -> tuple[list[Hypothesis], 
         possible = [h for h in pool if name_of(h) not in search.infeasible]
         for h in _at_current_solution(search, possible):
             chosen.setdefault(name_of(h), h)
-    names = {name_of(h) for h in waves}
-    wave_numbers = tuple(i for i, name in enumerate(chosen) if name in names)
-    return list(chosen.values()), present, wave_numbers
+    names = {name_of(h) for h in harmonics}
+    harmonic_numbers = tuple(i for i, name in enumerate(chosen) if name in names)
+    return list(chosen.values()), present, harmonic_numbers
 
 
 def _at_current_solution(search: Search, terms: Iterable[Hypothesis]) -> list[Hypothesis]:

@@ -90,12 +90,12 @@ class Priors:
 
         The order itself has the highest prior of these joints once; see `is_curve` for joints with an error curve.
         """
-        waves = [i for i in members if self.order[i] > 0]
-        if len(waves) < 2:
+        harmonics = [i for i in members if self.order[i] > 0]
+        if len(harmonics) < 2:
             return 0.0
         with_curve = {self.where[i] for i in members if self.order[i] == CURVE}
         priors: dict[float, dict[str, float]] = {}
-        for i in waves:
+        for i in harmonics:
             if self.where[i] not in with_curve:
                 joints = priors.setdefault(self.order[i], {})
                 joints.setdefault(self.where[i], float(self.log_prior[i]))
@@ -124,7 +124,7 @@ class Priors:
 
 
 def _gain_of_common(log_priors: Sequence[float]) -> float:
-    """What waves of one order at several joints gain in log prior odds; log_priors: of each alone."""
+    """What harmonics of one order at several joints gain in log prior odds; log_priors: of each alone."""
     further = sorted(log_priors)[:-1]
     return sum(max(LOG_ODDS_OF_COMMON - prior, 0.0) for prior in further)
 

@@ -213,12 +213,12 @@ def _repeat_search(search: Search) -> float:
 def _test_and_search(search: Search, thorough: bool = True) -> float:
     """The p-value of a residual without structure; where it is small, the most probable set of terms is accepted.
 
-    Waves of one order at several joints, of which none may be significant by itself, spend a tenth of the level.
+    Harmonics of one order at several joints, of which none may be significant by itself, spend a tenth of the level.
     """
     p_no_structure = family_wise(search.table(()), LAW_ERROR**2 * search.problem.given)
     if p_no_structure > search.level:
-        p_of_waves = common_order_p_value(search.problem.conditional_on(()))
-        p_no_structure = min(p_no_structure, p_of_waves / RARE_PRIOR)
+        p_of_harmonics = common_order_p_value(search.problem.conditional_on(()))
+        p_no_structure = min(p_no_structure, p_of_harmonics / RARE_PRIOR)
     if p_no_structure <= search.level:
         accept_most_probable_set(search, thorough)
     elif search.accepted:

@@ -13,7 +13,7 @@ from workbench.diagnosis.noise.data_findings import with_equal_noise
 from workbench.diagnosis.noise.random_effects import RandomEffect, whitened_by
 from workbench.diagnosis.robot.derived import negative_masses
 from workbench.diagnosis.robot.shared_moments import with_shared_moments
-from workbench.diagnosis.search.common_orders import required_waves, with_common_orders
+from workbench.diagnosis.search.common_orders import required_harmonics, with_common_orders
 from workbench.diagnosis.search.compatible import compatible
 from workbench.diagnosis.search.instants import with_numbered_steps
 from workbench.diagnosis.search.options import with_exact_options
@@ -205,7 +205,7 @@ class Search:
     def _ranked(self, kept: tuple[int, ...], part: str) -> list[Hypothesis]:
         required = [(h.family, h.label) for h in (*self.accepted, *self.always_listed)]
         conditions = [self.accepted[i] for i in kept]
-        required += required_waves(self.problem, conditions)
+        required += required_harmonics(self.problem, conditions)
         ranked = ranked_hypotheses(
             self.problem.conditional_on(kept),
             required,

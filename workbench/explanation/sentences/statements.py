@@ -21,7 +21,7 @@ from workbench.diagnosis.scanner.random_focal_length import LABEL as RANDOM_FOCA
 from workbench.diagnosis.search.constant_load import UNSTATED_LOAD
 from workbench.diagnosis.search.findings import SAME_FUNCTION
 from workbench.explanation.noise.heavy_tails import EFFECT as HEAVY_TAILED
-from workbench.explanation.noise.hidden_waves import WHY as LIKE_NOISE
+from workbench.explanation.noise.hidden_harmonics import WHY as LIKE_NOISE
 from workbench.explanation.result import Term
 from workbench.explanation.sentences.words import (
     covariate,
@@ -292,15 +292,15 @@ def _of_stated_noise(term: Term) -> str:
     else:
         factor = "not"
     source = term.finding.label.rpartition(", ")[2]
-    waves = [a for a in term.finding.alternatives if a.why == LIKE_NOISE]
-    if waves:
-        joints = listed([place(wave.where) for wave in waves])
+    harmonics = [a for a in term.finding.alternatives if a.why == LIKE_NOISE]
+    if harmonics:
+        joints = listed([place(harmonic.where) for harmonic in harmonics])
         return (
             f"The residual is larger than the stated noise: {source} the standard deviation is {factor} the stated "
-            "sigma. Either the stated noise is wrong, or further joints have transmission errors as well: waves of a "
-            f"high order at {joints} look like noise in so few poses. Do not correct sigma_mm before this is decided. "
-            "Measure one of these joints at a time in small steps, more poses, or repeats of one pose, which show the "
-            "noise alone."
+            "sigma. Either the stated noise is wrong, or further joints have transmission errors as well: harmonics "
+            f"of a high order at {joints} look like noise in so few poses. Do not correct sigma_mm before this is "
+            "decided. Measure one of these joints at a time in small steps, more poses, or repeats of one pose, which "
+            "show the noise alone."
         )
     return (
         f"The recording states the wrong noise: {source} the standard deviation is {factor} the stated sigma. "

@@ -26,9 +26,6 @@ CAUSE = InstrumentRangeOffset.effect
 _MEASURED_BY_RANGE = ("external-point", "external-pose")
 _ROWS, _STEPS, _ROUNDS = 240, 60, 3
 _SIGNIFICANT = 6.0  # standard deviations
-# Ratio of the misfits with and without an offset. Where the flange keeps its orientation, base and tool take up most of
-# an offset, and what is left of it resembles deflections: a smaller gain is no evidence of either.
-_LEAST_GAIN = 1.5
 _SETTLED = 0.1  # standard deviations
 _LARGE = 5.0
 """Times the misfit: the pose of the base takes up most of an offset, so that a mistake is far larger than that."""
@@ -82,10 +79,7 @@ def range_offset(robot, recording) -> RangeOffset | None:
                 break
             offset += change
         fit = fit_recording(robot, _shortened(chosen, offset), steps=_STEPS)
-        as_recorded = fit_recording(robot, chosen, steps=_STEPS)
     except FAILURES:
-        return None
-    if as_recorded.scale < _LEAST_GAIN * fit.scale:
         return None
     if abs(offset) < max(_SIGNIFICANT * std, _LARGE * fit.scale):
         return None

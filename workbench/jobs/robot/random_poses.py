@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from datasets.recording import Recording
+from datasets.recording import OTHER, Recording
 from datasets.samples.columns import joint_columns
 from robot_model.robot import Robot
 
@@ -25,7 +25,9 @@ def at_random_poses(recording: Recording, robot: Robot) -> Recording:
     columns = dict(drawn.columns)
     for k, name in enumerate(joint_columns(recording.columns)):
         low, high = _range_of(recording.columns[name], name, robot.limits[k])
-        columns[name] = generator.uniform(low, high, drawn.n)
+        for column in (name, OTHER + name):  # a length has readings at both ends
+            if column in columns:
+                columns[column] = generator.uniform(low, high, drawn.n)
     return replace(drawn, columns=columns)
 
 

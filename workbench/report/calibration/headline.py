@@ -88,7 +88,7 @@ def caution(calibration) -> str:
     suspects = len(calibration.suspects)
     if suspects:
         words.append(
-            f"Possible outliers, included in these numbers: {counted(suspects, 'sample')} "
+            f"Not part of the fit and of these numbers: {counted(suspects, 'sample')} "
             f"(number {_listed_numbers(calibration.suspects)})."
         )
     noise = getattr(calibration, "noise", None)

@@ -28,6 +28,9 @@ _SAME_SIZE, _MAX_FITTED = 4.0, 6
 _LEVEL, _RELEVANT = 0.001, 1.1
 _EVIDENCE = 30.0
 """Difference of the negative log posteriors: odds of 10^13."""
+# Ratio of the misfits without and with an offset of the ranges. Where the flange keeps its orientation, base and tool
+# absorb most of an offset, and what remains of it resembles deflections: a smaller ratio is no evidence of either.
+_LEAST_RATIO = 1.5
 _FALLS, _NEAR_RATIO = 2.0, 1.3
 _PLAUSIBLE = 5.0
 _LEAST_DEGREES = 12
@@ -150,6 +153,8 @@ def _of_range(robot, recording) -> list[Alternative]:
         return []
     chosen = recording.select(even_rows(recording, _ROWS))
     recorded = fit_recording(robot, chosen, steps=_STEPS)
+    if recorded.scale < _LEAST_RATIO * found.fit.scale:
+        return []
     alternative = Alternative(found.correction, found.fit, recorded)
     is_clear = alternative.is_plausible and alternative.gain > _EVIDENCE
     return [alternative] if is_clear else []

@@ -1,8 +1,8 @@
-"""Whether noise above the stated sigma may be waves of gears whose orders the recorded poses do not show.
+"""Whether noise above the stated sigma may be transmission errors whose orders the recorded poses do not show.
 
-A wave of a high order turns through whole periods from one pose to the next, so that a wave of unknown order at
+A harmonic of a high order passes through complete periods from one pose to the next, so that one of unknown order at
 another joint looks like white noise. It is found where its gain exceeds what the best of all orders at all joints
-gains by chance. Where the waves of all other joints together could make the excess and each gain less, the two are
+gains by chance. Where the harmonics of all other joints together could make the excess and each gain less, the two are
 confounded.
 """
 
@@ -19,22 +19,22 @@ from workbench.diagnosis.validation.terms import Term
 from workbench.explanation.noise.stated_noise import FROM_RESIDUALS, NoiseRatio
 
 LABEL = "of an order that these poses do not show"
-WHY = "a wave of a high order and of unknown phase looks like noise in few poses"
+WHY = "a harmonic of a high order and of unknown phase looks like noise in few poses"
 _LOWEST = float(high_orders(np.nan)[0].min())
-_NUMBERS = 2  # amplitude and phase of a wave
+_NUMBERS = 2  # amplitude and phase of a harmonic
 
 
-def hidden_waves(
+def hidden_harmonics(
     found: NoiseRatio, terms: Sequence[Term], degrees: float, chain
 ) -> tuple[Alternative, ...]:
-    """Waves at other joints as alternatives to noise larger than stated; () where these poses would show them.
+    """Harmonics at other joints as alternatives to noise larger than stated; () where these poses would show them.
 
-    terms: those retained, of which one is a wave of a high order, else no gear is known to make them. degrees: degrees
-    of freedom of the residual. chain: of the bench.
+    terms: those retained, of which one is a harmonic of a high order, else no gear is known to make them. degrees: of
+    freedom of the residual. chain: of the bench.
     """
     if found.source != FROM_RESIDUALS or not found.factor > 1:
         return ()
-    known = {wave.where for wave in _waves(terms)}
+    known = {harmonic.where for harmonic in _harmonics(terms)}
     others = [where for where in turning_joints(chain, 0.0) if where not in known]
     if not known or not others:
         return ()
@@ -47,16 +47,16 @@ def hidden_waves(
 
 
 def least_gain(joints: int) -> float:
-    """Fall of the sum of squares, in variances, by which the best wave of all orders at some joints is significant."""
+    """Fall of the sum of squares, in variances, by which the best of all orders at some joints is significant."""
     searched = joints * len(high_orders(np.nan)[0])
     return float(chi2.isf(UNMODELLED_LEVEL / searched, _NUMBERS))
 
 
-def _waves(terms: Sequence[Term]) -> list[TransmissionHarmonic]:
-    """The retained waves of a high order."""
+def _harmonics(terms: Sequence[Term]) -> list[TransmissionHarmonic]:
+    """The retained harmonics of a high order."""
     effects = [effect for term in terms for effect in term.finding.effects]
-    waves = [effect for effect in effects if isinstance(effect, TransmissionHarmonic)]
-    return [wave for wave in waves if rounded_order(wave.order) >= _LOWEST]
+    harmonics = [effect for effect in effects if isinstance(effect, TransmissionHarmonic)]
+    return [harmonic for harmonic in harmonics if rounded_order(harmonic.order) >= _LOWEST]
 
 
-__all__ = ["LABEL", "WHY", "hidden_waves", "least_gain"]
+__all__ = ["LABEL", "WHY", "hidden_harmonics", "least_gain"]
